@@ -33,14 +33,9 @@ def pieces(archives: Sequence[Path], folder: Path, size: int = PIECE) -> Iterato
 
     What was read before a fault is a piece, too.
 
-    Args:
-        archives: read one after the other, once.
-        folder: emptied before.
-        size: bytes after which a piece ends.
-
-    Raises:
-        ReadError: an archive is damaged, has paths outside of itself or too large a folder, or needs a package.
-        WriteError: the disk is full.
+    `archives`: read one after the other, once; `folder`: emptied before; `size`: bytes after which a piece ends. Raises
+    `ReadError`: an archive is damaged, has paths outside of itself or too large a folder, or needs a package;
+    `WriteError`: the disk is full.
     """
     shutil.rmtree(folder, ignore_errors=True)
     written: dict[Path, int] = {}

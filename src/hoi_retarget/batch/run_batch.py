@@ -109,9 +109,8 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
         ended: Called with the entry of each job that ends.
         stopped: Returns whether to end early; finished jobs stay complete.
 
-    Raises:
-        ArgumentError: the specification asks for clips that are not there, or whose results would be written over one.
-        HoiRetargetError: another batch works in the folder, no worker can be started, or nothing can be written.
+    Raises `ArgumentError`: the specification asks for clips that are not there, or whose results would be written over
+    one; `HoiRetargetError`: another batch works in the folder, no worker can be started, or nothing can be written.
     """
     start, out = time.monotonic(), out.absolute()
     jobs = jobs_of(specification)

@@ -95,9 +95,8 @@ def _meshes(action: FetchMeshes) -> int:
 def fetch_look(spec: RobotSpec, folder: Path | None = None) -> None:
     """Fetch a robot's meshes, from a folder with the maker's files where given, and say where from and on which terms.
 
-    Raises:
-        ReadError: They cannot be fetched, or are not what was expected.
-        WriteError: The user's folder cannot be written.
+    Raises `ReadError`: they cannot be fetched, or are not what was expected; `WriteError`: the user's folder cannot be
+    written.
     """
     source = SOURCES[spec.name]
     read = source.read if folder is None else partial(read_folder, folder)

@@ -25,9 +25,8 @@ def config_of(options: SolveOptions) -> Config:
 def config_in(path: Path) -> Config:
     """Return the configuration in a TOML file or in a result.
 
-    Raises:
-        ReadError: The file cannot be read, or has a key or a value without a meaning.
-        ArgumentError: A setting is out of its range.
+    Raises `ReadError`: the file cannot be read, or has a key or a value without a meaning; `ArgumentError`: a setting
+    is out of its range.
     """
     if path.suffix.lower() != ".npz":
         return read_config(path)

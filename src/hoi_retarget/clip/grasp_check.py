@@ -131,11 +131,9 @@ def with_grasp_warnings(
 
     Raises `ClipError` where rotations or units are wrong, and `grasps` is `refuse`.
 
-    Args:
-        clip: its contacts are checked.
-        readings: those of `READINGS` that its format leaves open.
-        shifts: by which labels may be late [s]; none where contacts were found in these very frames.
-        grasps: `warn` keeps a clip that is wrong, and takes no fault of its grasps for an error.
+    `clip`: its contacts are checked; `readings`: those of `READINGS` that its format leaves open; `shifts`: by which
+    labels may be late [s]; none where contacts were found in these very frames; `grasps`: `warn` keeps a clip that is
+    wrong, and takes no fault of its grasps for an error.
     """
     figures = grasp_figures(clip, readings, shifts)
     fatal = fatal_fault(figures)

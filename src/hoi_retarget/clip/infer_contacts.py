@@ -39,15 +39,10 @@ def with_contacts(
 ) -> Clip:
     """Return a clip with the contacts of its source, or where it has none, or others are requested, of geometry.
 
-    Args:
-        clip: its floor is at z = 0.
-        labels: `auto` keeps the source's contacts where it has any; `proximity` finds them anew.
-        readings: those of `grasp_check.READINGS` that the clip's format leaves open.
-        grasps: `warn` keeps a clip whose rotations seem inverted.
-
-    Raises:
-        ClipError: objects move with nobody near, but not when their rotations are inverted, and `grasps` is `refuse`.
-        GeometryError: an object's mesh cannot be read.
+    `clip`: its floor is at z = 0; `labels`: `auto` keeps the source's contacts where it has any; `proximity` finds them
+    anew; `readings`: those of `grasp_check.READINGS` that the clip's format leaves open; `grasps`: `warn` keeps a clip
+    whose rotations seem inverted. Raises `ClipError`: objects move with nobody near, but not when their rotations are
+    inverted, and `grasps` is `refuse`; `GeometryError`: an object's mesh cannot be read.
     """
     if not clip.objects:
         return clip

@@ -98,12 +98,9 @@ def label_contacts(
 
     Raises `GeometryError` where an object's mesh cannot be read.
 
-    Args:
-        clip: its own contacts are not looked at.
-        rule: when a part touches.
-        points: `part` gives the part's own point (`Person.part_position`) in the object's frame, as the readers do;
-            `surface` gives the object's point nearest to the part.
-        near: the clip's `part_object_distances`, where it is known already.
+    `clip`: its own contacts are not looked at; `rule`: when a part touches; `points`: `part` gives the part's own point
+    (`Person.part_position`) in the object's frame, as the readers do; `surface` gives the object's point nearest to the
+    part; `near`: the clip's `part_object_distances`, where it is known already.
     """
     near = part_object_distances(clip) if near is None else near
     tracks = []

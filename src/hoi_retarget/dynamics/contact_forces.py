@@ -97,9 +97,8 @@ def forces_of(
         physics: Masses and frictions.
         held_by_others: Where somebody else touches an object, too; nobody does by default.
 
-    Raises:
-        RobotError: A base carries the robot, or a joint's torque has no limit.
-        GeometryError: An object's mesh cannot be read.
+    Raises `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
+    cannot be read.
     """
     actuators = actuators_of(model)
     movement = movement_of(motion.qpos, motion.fps, physics.smoothing)

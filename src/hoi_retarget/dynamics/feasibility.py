@@ -41,9 +41,8 @@ def forces_on_clip(motion: Motion, clip: Clip | None, model: RobotModel, physics
 
     Masses and frictions are by default those of its own configuration.
 
-    Raises:
-        RobotError: A base carries the robot, or a joint's torque has no limit.
-        GeometryError: An object's mesh cannot be read.
+    Raises `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
+    cannot be read.
     """
     physics = physics_of_motion(motion) if physics is None else physics
     if clip is None:

@@ -334,9 +334,7 @@ def hand_parts(model: RobotModel, site: str) -> tuple[Float[np.ndarray, "_ 3"], 
 def kept_objects(motion: Motion, clip: Clip, model: RobotModel, physics: Physics) -> tuple[KeptObject, ...]:
     """Return the outcomes, in two free hands, of a motion's objects that hands of this robot alone are to touch.
 
-    Raises:
-        RobotError: The robot's hands have no shapes.
-        GeometryError: An object's mesh cannot be read.
+    Raises `RobotError`: the robot's hands have no shapes; `GeometryError`: an object's mesh cannot be read.
     """
     geometries = [track.geometry for track in clip.objects]
     scales, poses = motion.object_scale.tolist(), np.concatenate([motion.object_pos, motion.object_quat], axis=2)

@@ -67,9 +67,7 @@ class GripMargin:
 def grip_margins(motion: Motion, clip: Clip, kinematics: Kinematics, physics: Physics) -> tuple[GripMargin, ...]:
     """Return the grip margins of a motion's objects that the robot's hands are labelled to touch, and nobody else.
 
-    Raises:
-        RobotError: The robot's hands have no shapes.
-        GeometryError: An object's mesh cannot be read.
+    Raises `RobotError`: the robot's hands have no shapes; `GeometryError`: an object's mesh cannot be read.
     """
     others, found = held_by_others(clip, motion.person), []
     columns = [column for column, site in enumerate(motion.contact_links) if site in PALMS]

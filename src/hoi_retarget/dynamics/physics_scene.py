@@ -87,9 +87,8 @@ def scene_of(
 ) -> PhysicsScene:
     """Return the scene of a motion and its objects, whose shapes are given in their order.
 
-    Raises:
-        RobotError: A base carries the robot, or a joint's torque has no limit.
-        GeometryError: An object's mesh cannot be read.
+    Raises `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
+    cannot be read.
     """
     objects = scene_objects(motion, geometries, physics, model.body_frames.names)
     return PhysicsScene(model, actuators_of(model), objects, physics)

@@ -30,11 +30,9 @@ def unreached_contacts(
     The residual is the distance in the object's frame between a contact link and its target. Stretches of 3 frames
     count, and contacts that are missed altogether however short. All frames count, the first one too.
 
-    Args:
-        motion: The robot's motion; its contact links are sites of the robot, or human parts standing for them.
-        kinematics: The model's `forward(motion.qpos)`.
-        residuals: Other distances to judge by [m], such as `surface_residuals`.
-        limit_m: Largest residual that counts as reached [m].
+    `motion`: the robot's motion; its contact links are sites of the robot, or human parts standing for them;
+    `kinematics`: the model's `forward(motion.qpos)`; `residuals`: other distances to judge by [m], such as
+    `surface_residuals`; `limit_m`: largest residual that counts as reached [m].
     """
     found = []
     residuals = contact_residuals(motion, kinematics) if residuals is None else residuals

@@ -87,10 +87,8 @@ def unpickle(content: bytes | mmap.mmap, names: Names | None = None, *, encoding
 
     Raises `RefusedError` where it is damaged, or names something else.
 
-    Args:
-        content: joblib's arrays in a mapped file are views of it.
-        names: Everything that it may name; None for `ARRAYS`.
-        encoding: Of the strings of Python 2.
+    `content`: joblib's arrays in a mapped file are views of it; `names`: everything that it may name; None for
+    `ARRAYS`; `encoding`: of the strings of Python 2.
     """
     if not content:
         raise RefusedError("the file is empty, expected a pickle")

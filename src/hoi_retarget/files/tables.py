@@ -41,9 +41,8 @@ def decode(  # noqa: PLR0913  # the last three are options
         folder: What relative paths are relative to.
         hidden: Fields that are no keys.
 
-    Raises:
-        ReadError: A key does not exist, or a value is not of its field's type.
-        ArgumentError: The dataclass refuses a value.
+    Raises `ReadError`: a key does not exist, or a value is not of its field's type; `ArgumentError`: the dataclass
+    refuses a value.
     """
     import msgspec  # noqa: PLC0415  # help needs none of it
 

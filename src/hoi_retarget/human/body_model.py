@@ -107,11 +107,9 @@ class BodyModel:
 
         Raises `ArgumentError` for hands of more numbers than there are components, or none of either kind.
 
-        Args:
-            body: Rotation vectors of the body's joints [rad], root first.
-            left_hand: 45 numbers are rotation vectors [rad]; fewer, weights of as many principal components.
-            right_hand: Likewise.
-            flat_hands: Whether hands are counted from flat ones; otherwise from the model's mean hand.
+        `body`: rotation vectors of the body's joints [rad], root first; `left_hand`: 45 numbers are rotation vectors
+        [rad]; fewer, weights of as many principal components; `right_hand`: likewise; `flat_hands`: whether hands are
+        counted from flat ones; otherwise from the model's mean hand.
         """
         frames = len(body)
         rows = [body.reshape(frames, _BODY_JOINTS, 3)]

@@ -59,11 +59,9 @@ def turns_from_t_pose(
     Beside it, the largest angle between the rest pose's limbs and those of the T-pose [deg]; raises `ClipError` where
     that is larger than `farthest`.
 
-    Args:
-        positions: of the joints in the rest pose, in the order of `skeleton.JOINTS`, perhaps without fingers.
-        quats: of the same, wxyz.
-        body: their `body_axes`.
-        farthest: the largest angle allowed between the limbs and those of a T-pose [deg].
+    `positions`: of the joints in the rest pose, in the order of `skeleton.JOINTS`, perhaps without fingers; `quats`: of
+    the same, wxyz; `body`: their `body_axes`; `farthest`: the largest angle allowed between the limbs and those of a
+    T-pose [deg].
     """
     standing = se3.rotate_inverse(body, positions)
     swings = np.tile(se3.IDENTITY_QUAT, (len(positions), 1))

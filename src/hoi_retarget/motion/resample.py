@@ -72,9 +72,8 @@ def resample(motion: Motion, model: RobotModel, fps: float | None = None, object
     before it. Where a spline between two frames leaves a joint's range, the joint stays at the
     limit with zero velocity.
 
-    Raises:
-        ArgumentError: the rate is not positive, or above 1000.
-        ClipError: the motion has a single frame, so nothing moves between frames.
+    Raises `ArgumentError`: the rate is not positive, or above 1000; `ClipError`: the motion has a single frame, so
+    nothing moves between frames.
     """
     fps = motion.fps if fps is None else fps
     if not (np.isfinite(fps) and 0 < fps <= HIGHEST_RATE):

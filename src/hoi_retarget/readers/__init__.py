@@ -82,12 +82,10 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[Clip, Reader]:
     Contacts are the source's labels, none where it labels none; `open.open_clip` finds them then, and the floor.
     `FILE#NAME` is one clip of a file that holds several.
 
-    Raises:
-        ReadError: The file is missing, damaged, or of no supported format.
-        ClipError: Its content cannot be used, or its grasps contradict how it is read.
-        GeometryError: The object's geometry cannot be had.
-        BodyModelError: The body model that it needs cannot be had.
-        ArgumentError: The object's name is given, although the file tells it, or a clip is named that is not in it.
+    Raises `ReadError`: the file is missing, damaged, or of no supported format; `ClipError`: its content cannot be
+    used, or its grasps contradict how it is read; `GeometryError`: the object's geometry cannot be had;
+    `BodyModelError`: the body model that it needs cannot be had; `ArgumentError`: the object's name is given, although
+    the file tells it, or a clip is named that is not in it.
     """
     file = SourceFile(path)
     reader = reader_of(file, options.from_robot)

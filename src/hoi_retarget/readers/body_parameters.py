@@ -200,10 +200,8 @@ class BodyParameters:
 def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Path | None) -> Person:
     """Return a person from a body's shape and pose; `path` is the recording, for errors.
 
-    Raises:
-        BodyModelError: there is no folder.
-        ReadError: the model is not there, damaged, or of another family.
-        ClipError: the parameters are not those of this model.
+    Raises `BodyModelError`: there is no folder; `ReadError`: the model is not there, damaged, or of another family;
+    `ClipError`: the parameters are not those of this model.
     """
     model = _model(path, parameters, body_models)
     hands = (parameters.left_hand, parameters.right_hand)

@@ -73,11 +73,8 @@ class Fields:
     def rows(self, name: str, frames: int | str, width: int, meaning: str) -> np.ndarray:
         """Return an array with so many numbers in a row for each frame, stored so or three by three.
 
-        Args:
-            name: in the file.
-            frames: their number, or a letter for any.
-            width: numbers in a row.
-            meaning: for errors.
+        `name`: in the file; `frames`: their number, or a letter for any; `width`: numbers in a row; `meaning`: for
+        errors.
         """
         stored = self.get(name)
         if isinstance(stored, np.ndarray) and stored.shape[1:] == (width // 3, 3):

@@ -245,11 +245,8 @@ def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...
 def _skin(capture: _Capture, bound: _BindPose, turns: Float[np.ndarray, "52 4"], unit: float) -> SkinnedMesh | None:
     """Return the skin, its bones beyond the skeleton's as parts of the bones above; None without a mesh.
 
-    Args:
-        capture: The file.
-        bound: Its bind pose.
-        turns: Of each bone, in its own frame, that give its joint's rotation from the T-pose, wxyz.
-        unit: Of the mesh's frame [m].
+    `capture`: the file; `bound`: its bind pose; `turns`: of each bone, in its own frame, that give its joint's rotation
+    from the T-pose, wxyz; `unit`: of the mesh's frame [m].
     """
     scene, columns = capture.scene, {node: column for column, node in enumerate(capture.joints)}
     vertices: list[np.ndarray] = []

@@ -304,11 +304,8 @@ def first_mesh(name: str, candidates: Sequence[Path], *, centred: bool, scale: f
 
     Raises `GeometryError` where no file exists, or the first that does holds no usable mesh.
 
-    Args:
-        name: the object's, for errors.
-        candidates: where its mesh may be.
-        centred: whether poses are of the mesh less the mean of its vertices.
-        scale: a factor of its coordinates before that.
+    `name`: the object's, for errors; `candidates`: where its mesh may be; `centred`: whether poses are of the mesh less
+    the mean of its vertices; `scale`: a factor of its coordinates before that.
     """
     for path in candidates:
         if path.is_file():

@@ -50,11 +50,8 @@ def recording_with_objects(
 ) -> SourceRecording:
     """Return the recording of a BVH and its objects; raises `ReadError` or `ClipError`.
 
-    Args:
-        file: the BVH.
-        options: of reading.
-        tracks: name of an object -> its track and the name of its mesh.
-        meshes: the folder of meshes, above the recording where `options` do not name another.
+    `file`: the BVH; `options`: of reading; `tracks`: name of an object -> its track and the name of its mesh; `meshes`:
+    the folder of meshes, above the recording where `options` do not name another.
     """
     actor = bvh.record(file, options)
 

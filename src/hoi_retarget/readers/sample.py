@@ -67,15 +67,9 @@ def is_complete(folder: Path) -> bool:
 def unpack(wheel: Path, folder: Path, members: Mapping[str, tuple[str, str]], wheel_sha256: str) -> None:
     """Check a wheel and write some of its files below a folder; nothing is written unless all are as expected.
 
-    Args:
-        wheel: The downloaded file.
-        folder: The target.
-        members: Target name -> name in the wheel and its SHA-256.
-        wheel_sha256: Of the wheel.
-
-    Raises:
-        ReadError: the wheel or one of its files is not what its hash says, or a place lies outside the folder.
-        WriteError: a file cannot be written.
+    `wheel`: the downloaded file; `folder`: the target; `members`: target name -> name in the wheel and its SHA-256;
+    `wheel_sha256`: of the wheel. Raises `ReadError`: the wheel or one of its files is not what its hash says, or a
+    place lies outside the folder; `WriteError`: a file cannot be written.
     """
     for place, (member, _) in members.items():
         parts = PurePosixPath(place).parts

@@ -72,11 +72,8 @@ MIN_SHARE_ON_FLOOR = 0.8  # Of the frames in which a person who does not stand u
 def check_upright(path: Path, person: Person, up_axis: str, *, may_lie: bool = False) -> None:
     """Raise `ClipError` unless a person has a person's size and is upright in most frames.
 
-    Args:
-        path: the recording, for errors.
-        person: in a world with z up.
-        up_axis: the recording's own axis that became z, for errors.
-        may_lie: whether the person may as well be on a floor near 0.
+    `path`: the recording, for errors; `person`: in a world with z up; `up_axis`: the recording's own axis that became
+    z, for errors; `may_lie`: whether the person may as well be on a floor near 0.
     """
     if not MIN_HEIGHT <= person.height <= MAX_HEIGHT:
         raise ClipError(

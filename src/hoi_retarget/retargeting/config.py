@@ -245,9 +245,8 @@ class Config:
     def from_table(cls, table: Mapping[str, Any], owner: str) -> "Config":
         """Return the configuration of a table, with defaults for missing keys.
 
-        Raises:
-            ReadError: A key does not exist, or a value is not of its field's type.
-            ArgumentError: A value is out of its range.
+        Raises `ReadError`: a key does not exist, or a value is not of its field's type; `ArgumentError`: a value is out
+        of its range.
         """
         check_keys(cls, table, owner)
         values: dict[str, Any] = {}

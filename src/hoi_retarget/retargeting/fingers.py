@@ -28,11 +28,8 @@ def with_fingers(
 ) -> Float[np.ndarray, "T nq"]:
     """Return a trajectory [m, rad] with fingers bent as the person's; the same one where these are not recorded.
 
-    Args:
-        model: The robot.
-        targets: Of the same frames, for the rotations of the palms.
-        person: The person.
-        qpos: The trajectory.
+    `model`: the robot; `targets`: of the same frames, for the rotations of the palms; `person`: the person; `qpos`: the
+    trajectory.
     """
     if not (model.spec.fingers and person.fingers_recorded):
         return qpos

@@ -83,11 +83,8 @@ def untwisted(
 ) -> Float[np.ndarray, "T nq"] | None:
     """Return a trajectory with twisted limbs interpolated from before and after; None where no limb is twisted.
 
-    Args:
-        model: The robot.
-        qpos: The trajectory [m, rad].
-        errors: Rotation errors of its sites [deg].
-        fps: Frames a second.
+    `model`: the robot; `qpos`: the trajectory [m, rad]; `errors`: rotation errors of its sites [deg]; `fps`: frames a
+    second.
     """
     straight = qpos.copy()
     for site, degrees in errors.items():
@@ -137,11 +134,8 @@ def solve_ik(
     Where it does not converge, is turned over or flips, other starts follow; the best result is returned.
     Raises `SolveError` where a window ends without a usable trajectory.
 
-    Args:
-        model: The robot.
-        targets: Of all frames.
-        config: Options of this stage.
-        horizon: Frames that are solved at once.
+    `model`: the robot; `targets`: of all frames; `config`: options of this stage; `horizon`: frames that are solved at
+    once.
     """
     search = _Search(model, targets, config, horizon)
     found = search.solve(search.coarse(standing))

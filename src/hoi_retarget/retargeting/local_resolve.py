@@ -34,12 +34,9 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
 
     Raises `SolveError` where the frames around a change end without a usable trajectory.
 
-    Args:
-        before: Of the clip before the change.
-        clip: After it.
-        config: The configuration of the solution.
-        quickly: Hands go to their holds in one rough pass. Otherwise surfaces touch, and pins that change in a short
-            clip make the solution that of `solve`, to the bit.
+    `before`: of the clip before the change; `clip`: after it; `config`: the configuration of the solution; `quickly`:
+    hands go to their holds in one rough pass. Otherwise surfaces touch, and pins that change in a short clip make the
+    solution that of `solve`, to the bit.
     """
     model, ik_qpos = before.model, before.stages[0].qpos
     with one_thread():

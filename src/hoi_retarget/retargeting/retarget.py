@@ -98,11 +98,8 @@ def judge_team(solutions: Sequence[Solution], figures: FigureSet = "all") -> tup
 def solve_people(clip: Clip, models: Sequence[RobotModel], config: Config = Config()) -> tuple[Solution, ...]:
     """Return one solution per person of a clip, in one world with the same objects, robots outside each other.
 
-    `models` are one robot for all people, or one for each.
-
-    Raises:
-        ArgumentError: There are other numbers of robots and people.
-        SolveError: A window ends without a usable trajectory.
+    `models` are one robot for all people, or one for each. Raises `ArgumentError`: there are other numbers of robots
+    and people; `SolveError`: a window ends without a usable trajectory.
     """
     people = len(clip.people)
     if len(models) not in (1, people):
@@ -152,9 +149,8 @@ def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: flo
     Their reports tell the time that reading the clip and writing take. The time to write must be known
     before a file is: it is that of encoding the result.
 
-    Raises:
-        SolveError: The verdict on a motion has a fatal reason. All are written to `set_aside(path)` instead.
-        WriteError: A file cannot be written.
+    Raises `SolveError`: the verdict on a motion has a fatal reason. All are written to `set_aside(path)` instead;
+    `WriteError`: a file cannot be written.
     """
     timed = tuple(_timed(motion, read_seconds / len(motions)) for motion in motions)
     contents = {path: encode(motion) for path, motion in zip(paths, timed, strict=True)}

@@ -163,9 +163,8 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
         first_frame: Frame of the clip in which the targets start, for messages.
         roughly: Hands go to their holds, and surfaces may be in each other.
 
-    Raises:
-        GeometryError: An object's mesh cannot be read.
-        SolveError: A window fails, or its trajectory breaks a joint range or a joint speed.
+    Raises `GeometryError`: an object's mesh cannot be read; `SolveError`: a window fails, or its trajectory breaks a
+    joint range or a joint speed.
     """
     frames = windows_of(config.horizon, targets.frames) if windows is None else windows
 

@@ -368,11 +368,8 @@ def object_paths(
     Each is scaled alone, but while another one carries it, its place over the carrier is the recording's, scaled as its
     geometry is.
 
-    Args:
-        clip: The recording.
-        root_scale: Human size to robot size.
-        geometry_scale: Size of the objects.
-        contact: With surfaces, nothing is to be under the floor.
+    `clip`: the recording; `root_scale`: human size to robot size; `geometry_scale`: size of the objects; `contact`:
+    with surfaces, nothing is to be under the floor.
     """
     turns = [smooth_quats(track.quats, clip.fps) for track in clip.objects]
     paths = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]

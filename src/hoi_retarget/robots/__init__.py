@@ -29,9 +29,8 @@ def robot(name: str) -> RobotSpec:
 
     The path of a manufacturer's file stands for the robot made of it, which is added where it was not yet.
 
-    Raises:
-        ArgumentError: There is no such robot; the message lists those there are.
-        RobotError: The file cannot be made a robot of, or an added robot's files are damaged.
+    Raises `ArgumentError`: there is no such robot; the message lists those there are; `RobotError`: the file cannot be
+    made a robot of, or an added robot's files are damaged.
     """
     added = user_robots.names()
     if name in added:

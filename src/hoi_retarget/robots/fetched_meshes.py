@@ -33,11 +33,8 @@ def read_wheel(pinned: str, sha256: str, folder: str, names: tuple[str, ...]) ->
 
     Raises `ReadError` where the wheel cannot be fetched, is another one, or lacks a file.
 
-    Args:
-        pinned: The package and its version, such as `it==1.0`.
-        sha256: Of the wheel.
-        folder: In the wheel, with a slash at its end.
-        names: Of the files.
+    `pinned`: the package and its version, such as `it==1.0`; `sha256`: of the wheel; `folder`: in the wheel, with a
+    slash at its end; `names`: of the files.
     """
     package, _, version = pinned.partition("==")
     with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:
@@ -116,9 +113,8 @@ def fetched_meshes(spec: RobotSpec) -> Path | None:
 def fetch_meshes(spec: RobotSpec, read: Read, licence: str) -> Path:
     """Fetch a robot's meshes, make them coarser, and keep all of them with their licence, or none; return their folder.
 
-    Raises:
-        ReadError: They cannot be fetched, or are not what was expected.
-        WriteError: The user's folder cannot be written.
+    Raises `ReadError`: they cannot be fetched, or are not what was expected; `WriteError`: the user's folder cannot be
+    written.
     """
     own = _folder(spec.name)
     contents: dict[Path, bytes] = {}

@@ -73,11 +73,8 @@ def pair_depths(
 ) -> tuple[Float[np.ndarray, "pairs F"], tuple[tuple[LinkSkin, LinkSkin], ...]]:
     """Return the depths of pairs of links in each other in every frame [m], and their links.
 
-    Args:
-        ones: Links of one robot.
-        others: Links of the same robot or another, in the same frames.
-        pairs: Indices into both.
-        keep_all: Whether pairs that are not near in any frame are returned, too.
+    `ones`: links of one robot; `others`: links of the same robot or another, in the same frames; `pairs`: indices into
+    both; `keep_all`: whether pairs that are not near in any frame are returned, too.
     """
     depths, links = [], []
     for pair in pairs:
@@ -128,11 +125,8 @@ def least_in_solid(
 
     Where none is inside, the point is the origin.
 
-    Args:
-        tree: Points of another link, or of an object at captured size.
-        skin: The link's.
-        pose: Poses of the points' owner in the link's frame.
-        scale: Size of the object over captured size.
+    `tree`: points of another link, or of an object at captured size; `skin`: the link's; `pose`: poses of the points'
+    owner in the link's frame; `scale`: size of the object over captured size.
     """
     found = tree.nearest(skin.solid.compiled, pose.rotations, pose.positions / scale, limit=0.0, scale=1.0 / scale)
     least, points = np.zeros(len(pose.positions)), np.zeros((len(pose.positions), 3))

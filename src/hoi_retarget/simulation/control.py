@@ -59,11 +59,8 @@ class TrackingProblem:
     ) -> Float[np.ndarray, "N n"]:
         """Return the drives' targets at a tick, in states [rad].
 
-        Args:
-            tick: The tick.
-            qpos: Configurations of the states.
-            qvel: Their velocities.
-            changes: Of the targets, then of the base's pose in the feedback: six numbers as in a deviation.
+        `tick`: the tick; `qpos`: configurations of the states; `qvel`: their velocities; `changes`: of the targets,
+        then of the base's pose in the feedback: six numbers as in a deviation.
         """
         model = self.scene.model
         apart = deviations(self.reference, model.n, tick, qpos, qvel)
@@ -129,11 +126,8 @@ def feedback_gains(
     The simulator is linearized by finite differences every tenth of a second. Feet and objects on the floor are sunk
     into it a little first: contacts that only just touch have no useful derivative.
 
-    Args:
-        scene: Robot and objects.
-        simulated: The same, compiled.
-        reference: The reference.
-        objects: Whether deviations of objects count.
+    `scene`: robot and objects; `simulated`: the same, compiled; `reference`: the reference; `objects`: whether
+    deviations of objects count.
     """
     ticks = list(range(0, len(reference.qpos), _EVERY))
     linear = replace_outliers(_linearized(scene, simulated, reference, ticks))
@@ -146,11 +140,8 @@ def gains_of(
 ) -> Float[np.ndarray, "K n x"]:
     """Return the gains at every tick [rad per unit of the state] by Riccati's recursion.
 
-    Args:
-        scene: Robot and objects.
-        linear: The linearizations of all ticks.
-        objects: Weight of objects' deviations, 0 to 1.
-        effort: Cost of a target's change [1/rad^2].
+    `scene`: robot and objects; `linear`: the linearizations of all ticks; `objects`: weight of objects' deviations, 0
+    to 1; `effort`: cost of a target's change [1/rad^2].
     """
     cost = np.diag(_costs(scene.model.n, len(scene.objects), objects))
     efforts = effort * np.eye(scene.model.n)

@@ -76,9 +76,8 @@ def check_usable(motion: Motion) -> None:
 def task_of(result: Result, scene: PhysicsScene) -> TrainingTask:
     """Return a result as a task, with the masses, frictions and drives of its scene; its last stage is the reference.
 
-    Raises:
-        ClipError: It is no reference to train on, or has a single frame.
-        RobotError: MuJoCo cannot compile the robot with the objects, or it has meshes.
+    Raises `ClipError`: it is no reference to train on, or has a single frame; `RobotError`: MuJoCo cannot compile the
+    robot with the objects, or it has meshes.
     """
     check_usable(result.motion)
     name = plain_name(result.stem)

@@ -66,11 +66,9 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
         seed: Of the random numbers; of a second attempt's, one more.
         on_progress: Is called after every plan, with the reference.
 
-    Raises:
-        ArgumentError: It is refined already.
-        ClipError: It has one frame, or somebody else handles its objects too.
-        RobotError: A base carries the robot, or a joint's torque has no limit.
-        GeometryError: An object's mesh cannot be read.
+    Raises `ArgumentError`: it is refined already; `ClipError`: it has one frame, or somebody else handles its objects
+    too; `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
+    cannot be read.
     """
     _check(motion, clip)
     start = time.process_time()
@@ -119,9 +117,8 @@ def write_simulated(simulated: SimulatedMotion, place: Path) -> tuple[Path, Path
 
     A file of an earlier attempt in the other place is removed.
 
-    Raises:
-        SolveError: It is whole, but the verdict on the motion has a fatal reason. It is beside the path, too.
-        WriteError: A file cannot be written.
+    Raises `SolveError`: it is whole, but the verdict on the motion has a fatal reason. It is beside the path, too;
+    `WriteError`: a file cannot be written.
     """
     aside, fault = set_aside(place), fatal_fault(simulated.motion)
     kept, outdated = (aside, place) if fault or not simulated.performance.whole else (place, aside)

@@ -306,11 +306,8 @@ def smooth(
     path and its targets filtered out, is simulated again in several ways; the smoothest one that keeps the objects in
     their places is returned.
 
-    Args:
-        scene: Robot and objects.
-        simulated: The same, compiled.
-        reference: The reference, for the places of objects.
-        motion: The motion; the smoother one begins in the same state.
+    `scene`: robot and objects; `simulated`: the same, compiled; `reference`: the reference, for the places of objects;
+    `motion`: the motion; the smoother one begins in the same state.
     """
     n, rollout, gains = scene.model.n, motion.rollout, motion.gains
     allowed = _ERROR_FACTOR * object_errors(rollout, reference, n).mean(axis=0) + _ERROR_SLACK

@@ -84,11 +84,7 @@ def interpolated(
 ) -> tuple[Float[np.ndarray, "K nq"], Float[np.ndarray, "K nv"]]:
     """Return configurations and velocities of a body with a free base at other times.
 
-    Args:
-        qpos: At `times`, of which there are two or more.
-        qvel: Likewise.
-        times: [s]
-        wanted: The other times [s].
+    `qpos`: at `times`, of which there are two or more; `qvel`: likewise; `times`: [s]; `wanted`: the other times [s].
     """
     curve = CubicHermiteSpline(times, np.delete(qpos, np.s_[3:7], axis=1), np.delete(qvel, np.s_[3:6], axis=1))
     value, speed = curve(wanted), curve.derivative()(wanted)

@@ -46,11 +46,7 @@ class Arrays:
     def array(self, name: str, kinds: str, shape: tuple[int | str, ...], meaning: str) -> np.ndarray:
         """Return an array; raises `ClipError`.
 
-        Args:
-            name: in the file.
-            kinds: of numpy arrays.
-            shape: as for `fields.other_shape`.
-            meaning: for errors.
+        `name`: in the file; `kinds`: of numpy arrays; `shape`: as for `fields.other_shape`; `meaning`: for errors.
         """
         self._used.add(name)
         if name not in self._members:

@@ -190,10 +190,9 @@ def _hand(arrays: Arrays, name: str, frames: int, people: int) -> Float[np.ndarr
 def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, ...], tuple[str, ...]]:
     """Return the people, and notes of derived parts.
 
-    Raises:
-        ClipError: arrays are missing, disagree, contradict the layout, or are not of the body model.
-        BodyModelError: they are parameters, and there is no folder of models.
-        ReadError: the model is not there, damaged, or of another family.
+    Raises `ClipError`: arrays are missing, disagree, contradict the layout, or are not of the body model;
+    `BodyModelError`: they are parameters, and there is no folder of models; `ReadError`: the model is not there,
+    damaged, or of another family.
     """
     made, notes = people_of_parameters(arrays, body_models) if are_parameters(arrays) else people_of_joints(arrays)
     if HEIGHTS in arrays:

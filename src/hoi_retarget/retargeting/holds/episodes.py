@@ -38,11 +38,8 @@ def episodes(
 ) -> tuple[Episode, ...]:
     """Return the episodes of one hand, in the order of time.
 
-    Args:
-        link: Column of the hand.
-        touched: Index of the touched object in every frame, -1 for none.
-        path: Of the hand in the object's frame: places of one or more of its points [m].
-        fps: Frames a second.
+    `link`: column of the hand; `touched`: index of the touched object in every frame, -1 for none; `path`: of the hand
+    in the object's frame: places of one or more of its points [m]; `fps`: frames a second.
     """
     found, shortest = [], seconds_to_frames(SHORTEST_SECONDS, fps)
     for index in np.unique(touched[touched >= 0]).tolist():

@@ -77,9 +77,7 @@ def with_holds(  # noqa: PLR0913  # the last two are options
         contacts: The person's, which tell what somebody chose.
         gives_way: Whether the path of the targets' only object may change where arms cannot reach it.
 
-    Raises:
-        GeometryError: An object's mesh cannot be read.
-        RobotError: The robot's hands have no shapes.
+    Raises `GeometryError`: an object's mesh cannot be read; `RobotError`: the robot's hands have no shapes.
     """
     if not all(skins_from(model, palm) for palm in PALMS):
         raise RobotError(

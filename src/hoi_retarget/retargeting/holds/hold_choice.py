@@ -65,11 +65,7 @@ def chosen_holds(
 ) -> tuple[Hold, ...]:
     """Return the holds of episodes.
 
-    Args:
-        targets: Of the robot.
-        objects: Of its world.
-        persons: The person's.
-        start: The IK trajectory.
+    `targets`: of the robot; `objects`: of its world; `persons`: the person's; `start`: the IK trajectory.
     """
     hands = [hand_shape(start.model, targets.contact_links[held.episode.link]) for held in persons]
     return tuple(
@@ -105,11 +101,7 @@ def _remembered(held: PersonHold, hand: HandShape, moving_object: MovingObject, 
 def best_hold(held: PersonHold, hand: HandShape, moving_object: MovingObject, start: Kinematics) -> Hold:
     """Return the best hold of an episode by itself.
 
-    Args:
-        held: The person's hold.
-        hand: The robot's hand.
-        moving_object: The object.
-        start: The IK trajectory.
+    `held`: the person's hold; `hand`: the robot's hand; `moving_object`: the object; `start`: the IK trajectory.
     """
     person = held.asked
     distance, normal = moving_object.field.distances_and_normals(person.positions)

@@ -36,11 +36,7 @@ FRAMES_AT_ONCE = 500
 def given_way(targets: Targets, moving_object: MovingObject, holds: Sequence[Hold], start: Kinematics) -> Targets:
     """Return the targets with the path of their only object nearer to where arms can hold it.
 
-    Args:
-        targets: Of the robot.
-        moving_object: The object.
-        holds: On it.
-        start: Where the body is about.
+    `targets`: of the robot; `moving_object`: the object; `holds`: on it; `start`: where the body is about.
     """
     twists = _limited(_wanted(targets, moving_object, holds, start))
     if np.linalg.norm(twists[:, :3], axis=1).max() >= SMALLEST:

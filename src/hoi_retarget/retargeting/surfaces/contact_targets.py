@@ -79,11 +79,8 @@ def touching_targets(
 ) -> Targets:
     """Return the targets with contact points moved for links that are turned as in a trajectory.
 
-    Args:
-        targets: With the human's contact points.
-        objects: Of the robot's world.
-        sides: Side of the object for each contact, in the object's frame.
-        kinematics: Of the trajectory.
+    `targets`: with the human's contact points; `objects`: of the robot's world; `sides`: side of the object for each
+    contact, in the object's frame; `kinematics`: of the trajectory.
     """
     points = targets.carried_contact_points.copy()
     for link, site in enumerate(targets.contact_links):

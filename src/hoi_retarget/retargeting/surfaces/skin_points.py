@@ -33,11 +33,8 @@ def levers(
 ) -> Float[np.ndarray, "3 K F"]:
     """Return the vectors [m], in world axes, from a link's origin to points in its frame.
 
-    Args:
-        kinematics: Of the trajectory.
-        frame: Of the link.
-        points: In the link's frame [m].
-        frames: Frames of the trajectory.
+    `kinematics`: of the trajectory; `frame`: of the link; `points`: in the link's frame [m]; `frames`: frames of the
+    trajectory.
     """
     return np.einsum("ijf,jkf->ikf", kinematics.orientation(frame)[:, :, frames], points)
 
@@ -231,10 +228,8 @@ class NearSkin:
 def near_skin(link: LinkAtObject, count: int, apart: float) -> NearSkin:
     """Return the nearest points of a link's skin.
 
-    Args:
-        link: The link and the object.
-        count: Points in each frame.
-        apart: Two points that are less from each other [m] are not chosen both.
+    `link`: the link and the object; `count`: points in each frame; `apart`: two points that are less from each other
+    [m] are not chosen both.
     """
     points, patches, frames = link.skin.points, patches_of(link.skin), link.near_frames
     count, poses = min(count, len(points)), link.poses(frames)

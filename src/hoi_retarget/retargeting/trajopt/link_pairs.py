@@ -127,11 +127,8 @@ def near_pairs(
 
     They have the frames in which the links are near.
 
-    Args:
-        first: Skin of one link.
-        second: Skin of the other.
-        here: Trajectory of the first link.
-        there: Trajectory of the second.
+    `first`: skin of one link; `second`: skin of the other; `here`: trajectory of the first link; `there`: trajectory of
+    the second.
     """
     frames = _beside(first, second, here, there)
     if not frames.size:

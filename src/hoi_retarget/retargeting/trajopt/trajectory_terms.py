@@ -49,11 +49,8 @@ def trajectory_terms(
 ) -> tuple[Term, ...]:
     """Return the terms of all costs against an IK reference, without empty ones.
 
-    Args:
-        weights: Of the table.
-        targets: Of the trajectory's frames.
-        reference: The IK trajectory.
-        gives_way: Whether a body without objects follows its references as loosely as one with objects.
+    `weights`: of the table; `targets`: of the trajectory's frames; `reference`: the IK trajectory; `gives_way`: whether
+    a body without objects follows its references as loosely as one with objects.
     """
     used = weights if targets.object_names or gives_way else weights.without_objects
     if targets.contact == "surface":

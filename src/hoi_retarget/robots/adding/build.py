@@ -149,15 +149,9 @@ class BuiltRobot:
 def build_robot(path: Path, name: str, hints: Hints, meshes: Path | None = None) -> BuiltRobot:
     """Make a robot of a URDF or an MJCF.
 
-    Args:
-        path: The source file.
-        name: Of the robot.
-        hints: The user's.
-        meshes: A folder with its meshes, where they are not beside it.
-
-    Raises:
-        RobotError: The file cannot be read or compiled.
-        UnsuitableRobotError: It is no humanoid that can be retargeted to.
+    `path`: the source file; `name`: of the robot; `hints`: the user's; `meshes`: a folder with its meshes, where they
+    are not beside it. Raises `RobotError`: the file cannot be read or compiled; `UnsuitableRobotError`: it is no
+    humanoid that can be retargeted to.
     """
     description = read_description(path, meshes)
     check_names(description, hints)

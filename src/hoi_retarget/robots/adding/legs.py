@@ -60,11 +60,8 @@ def find_sole(
 ) -> Sole:
     """Return the sole of a foot.
 
-    Args:
-        points: On the foot's surface, from the ankle, in axes ahead, left, up [m].
-        shank: From the knee to the ankle, of unit length.
-        lateral: The knee's axis, to the left.
-        leg: Length of thigh and shank [m].
+    `points`: on the foot's surface, from the ankle, in axes ahead, left, up [m]; `shank`: from the knee to the ankle,
+    of unit length; `lateral`: the knee's axis, to the left; `leg`: length of thigh and shank [m].
     """
     if len(points) < 4 or np.ptp(points[:, 0]) < _MIN_LENGTH:
         length = 0.3 * leg
@@ -162,11 +159,7 @@ def find_leg(pose: ZeroPose, trunk: TrunkAxes, chain: KinematicChain, knee: Bend
 
     Raises `UnsuitableRobotError` where no joint follows the knee.
 
-    Args:
-        pose: The zero pose.
-        trunk: The trunk's axes.
-        chain: The leg.
-        knee: Its knee.
+    `pose`: the zero pose; `trunk`: the trunk's axes; `chain`: the leg; `knee`: its knee.
     """
     axes, ankle = trunk.axes, find_ankle(pose, chain, knee)
     points = (pose.points(*chain.tip, meshes_only=True) - ankle) @ axes

@@ -118,11 +118,8 @@ def find_both_arms(pose: ZeroPose, limbs: Limbs, trunk: TrunkAxes, hints: Hints)
 
     Raises `UnsuitableRobotError` where an arm has no elbow.
 
-    Args:
-        pose: The zero pose.
-        limbs: Its limbs, the left arm first.
-        trunk: The trunk's axes.
-        hints: They may name the elbows, and turn the hands.
+    `pose`: the zero pose; `limbs`: its limbs, the left arm first; `trunk`: the trunk's axes; `hints`: they may name the
+    elbows, and turn the hands.
     """
     left, right = (
         find_arm(pose, chain, trunk.axes[:, 0], inward, named=limb.elbow, roll=np.radians(hints.hand_roll))

@@ -126,11 +126,7 @@ def _again(edit: Edit, before: Edit) -> Edit | None:
 def solved(recorded: Clip, model: RobotModel, config: Config, edits: ContactEdits) -> EditState:
     """Return a clip with edits, solved whole; raises as `apply` and `retarget`.
 
-    Args:
-        recorded: The clip without edits.
-        model: The robot.
-        config: Of the solve.
-        edits: The edits.
+    `recorded`: the clip without edits; `model`: the robot; `config`: of the solve; `edits`: the edits.
     """
     clip = apply(recorded, edits)
     return EditState(edits, clip, _judged(solve_people(clip, [model], config)), complete=True)

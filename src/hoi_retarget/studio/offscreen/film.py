@@ -87,11 +87,8 @@ def panel_renderer(
 
     Raises `DrawingError` where this machine has no way to draw without a screen.
 
-    Args:
-        filmed: The scene of each panel.
-        view: Direction, distance and motion of the cameras.
-        width: Of the picture [px].
-        height: Of the picture [px].
+    `filmed`: the scene of each panel; `view`: direction, distance and motion of the cameras; `width`: of the picture
+    [px]; `height`: of the picture [px].
     """
     columns = _columns(len(filmed), width / height)
     rows = -(-len(filmed) // columns)

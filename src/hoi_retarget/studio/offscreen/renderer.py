@@ -36,11 +36,8 @@ def offscreen_renderer(
 
     Raises `DrawingError` where this machine has no way to draw without a screen.
 
-    Args:
-        scene: The scene.
-        width: Of a picture [px].
-        height: Of a picture [px].
-        quality: Smoothness of edges and round shapes.
+    `scene`: the scene; `width`: of a picture [px]; `height`: of a picture [px]; `quality`: smoothness of edges and
+    round shapes.
     """
     with filled_renderer(scene, width, height, quality) as (renderer, fill):
 

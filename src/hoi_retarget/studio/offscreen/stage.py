@@ -41,11 +41,8 @@ FINE, UNSMOOTHED, QUICK = Quality(8, 24), Quality(0, 24), Quality(0, 10)
 def add_floor_and_lights(spec: mujoco.MjSpec, width: int, height: int, quality: Quality) -> None:
     """Add floor, sky and lights to a model for pictures.
 
-    Args:
-        spec: The model.
-        width: Of a picture [px].
-        height: Of a picture [px].
-        quality: Smoothness of edges and round shapes.
+    `spec`: the model; `width`: of a picture [px]; `height`: of a picture [px]; `quality`: smoothness of edges and round
+    shapes.
     """
     texture, builtin = mujoco.mjtTexture, mujoco.mjtBuiltin
     sky = {"builtin": builtin.mjBUILTIN_GRADIENT, "rgb1": _SKY, "rgb2": _SKY, "width": 64, "height": 64 * 6}

@@ -39,11 +39,8 @@ def motion_from_qpos(
     Its stance is estimated. Who touches what is not known, and inverse kinematics is the motion itself. Raises
     `ClipError` when numbers are not finite, or rotations are no unit quaternions.
 
-    Args:
-        qpos: Root position [m], root rotation wxyz, joints [rad] in the model's order.
-        fps: Frames a second.
-        model: The robot.
-        objects: What it moves.
+    `qpos`: root position [m], root rotation wxyz, joints [rad] in the model's order; `fps`: frames a second; `model`:
+    the robot; `objects`: what it moves.
     """
     frames, kinematics = len(qpos), model.forward(qpos)
     motion = Motion(
@@ -172,11 +169,7 @@ def with_recording(opened: OpenedMotion, path: Path, model: RobotModel, recordin
 
     A result, which has its figures, stays as it is.
 
-    Args:
-        opened: What a file holds.
-        path: The file.
-        model: The robot.
-        recording: Its clip.
+    `opened`: what a file holds; `path`: the file; `model`: the robot; `recording`: its clip.
     """
     if not opened.motion.report.is_foreign:
         return opened

@@ -32,11 +32,7 @@ def axes(
 ) -> Shapes:
     """Return the axes of K frames over time as cylinders: x red, y green, z blue.
 
-    Args:
-        positions: [m]
-        quats: wxyz
-        length: Of a cylinder [m].
-        radius: Of a cylinder [m].
+    `positions`: [m]; `quats`: wxyz; `length`: of a cylinder [m]; `radius`: of a cylinder [m].
     """
     frames, count = positions.shape[:2]
     half = 0.5 * length

@@ -156,11 +156,8 @@ def robot_parts(
 
     Raises `RobotError` when the specification names no meshes, `ReadError` when a mesh file is missing or damaged.
 
-    Args:
-        model: The robot.
-        kinematics: Its poses.
-        meshes: A folder with the files; None for those that were fetched, if any.
-        beyond: A site; only the link that carries it and links that hang from that one are returned.
+    `model`: the robot; `kinematics`: its poses; `meshes`: a folder with the files; None for those that were fetched, if
+    any; `beyond`: a site; only the link that carries it and links that hang from that one are returned.
     """
     nodes = None
     if beyond is not None:

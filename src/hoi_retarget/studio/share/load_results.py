@@ -26,12 +26,9 @@ def load_results(
 
     Titles distinguish a result from the others, or name the robot of a single one.
 
-    Args:
-        paths: Result files.
-        tell: Receives the problems with the files, a sentence each.
-        find_clip: Returns the clip that a motion was made from; raises `HoiRetargetError` where it is not to be had,
-            and the robot is then shown alone.
-        load_motion: Returns the motion in a file; raises `HoiRetargetError`.
+    `paths`: result files; `tell`: receives the problems with the files, a sentence each; `find_clip`: returns the clip
+    that a motion was made from; raises `HoiRetargetError` where it is not to be had, and the robot is then shown alone;
+    `load_motion`: returns the motion in a file; raises `HoiRetargetError`.
     """
     found: list[tuple[Path, Motion, SceneItem]] = []
     for path in dict.fromkeys(paths):

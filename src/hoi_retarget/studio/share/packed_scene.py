@@ -28,11 +28,8 @@ _MAX_LEVEL = 65535
 def pack(subplots: DrawnScene, floor: FittedCamera, each: FittedCamera, *, max_frames: int = MAX_FRAMES) -> str:
     """Return a scene as JSON text: its description, and all its numbers in base64 of gzip.
 
-    Args:
-        subplots: Of `make_subplots`.
-        floor: Sees all subjects beside each other.
-        each: Sees each subject alone, from the same direction.
-        max_frames: Frames of one subject that are kept at most.
+    `subplots`: of `make_subplots`; `floor`: sees all subjects beside each other; `each`: sees each subject alone, from
+    the same direction; `max_frames`: frames of one subject that are kept at most.
     """
     numbers = _Numbers()
     subjects = [_subject(numbers, subject, -(-subject.frames // max_frames)) for subject in subplots.subjects]

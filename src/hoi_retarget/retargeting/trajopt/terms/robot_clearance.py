@@ -53,11 +53,9 @@ def robot_clearance_terms(
 ) -> Iterator[RobotClearance]:
     """Yield the clearance from each other robot that comes near at the trajectory that a solve starts from.
 
-    Args:
-        weights: `self_clearance` is the weight against other robots, too.
-        reference: The trajectory.
-        others: Motions of the other robots, frame by frame in step.
-        passing_at: Frames a second, where links that pass each other are to keep to the side on which they come.
+    `weights`: `self_clearance` is the weight against other robots, too; `reference`: the trajectory; `others`: motions
+    of the other robots, frame by frame in step; `passing_at`: frames a second, where links that pass each other are to
+    keep to the side on which they come.
     """
     if weights.self_clearance == 0:
         return
