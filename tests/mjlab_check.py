@@ -82,12 +82,11 @@ def _resets(env) -> dict:
         told["body"] = max(told["body"], float(np.abs(bodies - data["body_pos_w"][frame]).max()))
         speeds = command.robot.data.body_link_lin_vel_w.numpy()
         told["robot_speed"] = max(told["robot_speed"], float(np.abs(speeds - data["body_lin_vel_w"][frame]).max()))
-        for number, item in enumerate(command.objects):
-            away = item.data.root_link_pos_w.numpy() - origins - data["object_pos_w"][frame, number]
-            told["object"] = max(told["object"], float(np.abs(away).max()))
-            speed = item.data.root_link_vel_w.numpy()
-            wanted = [data[f"object_{kind}_vel_w"][frame, number] for kind in ("lin", "ang")]
-            told["object_speed"] = max(told["object_speed"], float(np.abs(speed - np.concatenate(wanted)).max()))
+        places = command.simulated_object_pos_w.numpy() - origins[:, None]
+        told["object"] = max(told["object"], float(np.abs(places - data["object_pos_w"][frame]).max()))
+        moving = torch.cat([command.of_objects("lin_vel"), command.of_objects("ang_vel")], dim=-1).numpy()
+        wanted = np.concatenate([data[f"object_{kind}_vel_w"][frame] for kind in ("lin", "ang")], axis=-1)
+        told["object_speed"] = max(told["object_speed"], float(np.abs(moving - wanted).max()))
     random = {"held": 0.0, "held_resets": 0, "free_resets": 0, "free": 0.0}
     for _ in range(10):
         env.reset()

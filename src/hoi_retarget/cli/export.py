@@ -191,8 +191,7 @@ def _export_task(path: Path, command: Export) -> str:
     if clip is not None and held_by_others(clip, motion.person).any():
         raise ClipError(f"{path}: somebody else handles its objects too, and one robot alone is trained.")
     model = load_robot(motion.robot)
-    geometries = [] if clip is None else [track.geometry for track in clip.objects]
-    scene = scene_of(motion, model, geometries, physics)
+    scene = scene_of(motion, model, () if clip is None else clip.objects, physics)
     result = Result(path.stem, digest_of(path), motion, model, clip, path.suffix)
     task = task_of(result, scene)
     contents = {command.out / place: content for place, content in {**package_files(), **task.files}.items()}

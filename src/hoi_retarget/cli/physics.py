@@ -138,8 +138,7 @@ def execute_scene(command: Scene) -> int:
     physics = physics_of(motion, command)
     with Working("making the scene", None):
         clip = clip_with_objects(motion, command)
-        geometries = [] if clip is None else [track.geometry for track in clip.objects]
-        scene = scene_of(motion, load_robot(motion.robot), geometries, physics)
+        scene = scene_of(motion, load_robot(motion.robot), () if clip is None else clip.objects, physics)
         files = {command.out / place: content for place, content in scene_files(scene, motion).items()}
     check_inputs_kept("--out", files, [command.result])
     write_together(files)

@@ -17,6 +17,7 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.object_joint import mirrored_joint
 from hoi_retarget.objects.track import ObjectGeometry
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # The plane y = 0, of the world and of an object's frame.
@@ -49,6 +50,7 @@ def mirrored(clip: Clip) -> Clip:
                 positions=track.positions * _MIRROR,
                 quats=se3.quat_mirrored(track.quats),
                 geometry=_mirrored_geometry(track.geometry),
+                joint=None if track.joint is None else mirrored_joint(track.joint),
             )
             for track in clip.objects
         ),

@@ -14,6 +14,7 @@ from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import ALL_PARTS, PARTS
 from hoi_retarget.numerics.arrays import check_shape, describe_frames, frozen, runs
+from hoi_retarget.objects.object_joint import parents_of
 from hoi_retarget.objects.track import ObjectTrack
 
 LOWEST_RATE, HIGHEST_RATE = 1.0, 1000.0  # [frames/s]; other rates are slips of the keyboard, or damage.
@@ -170,6 +171,7 @@ class Clip:
         if len(set(lengths.values())) > 1:
             listing = ", ".join(f"{owner}: {length}" for owner, length in lengths.items())
             raise ClipError(f"clip {self.name!r}: tracks differ in their number of frames ({listing}).")
+        parents_of(self.objects)
         if self.frames < MINIMUM_FRAMES:
             raise ClipError(f"clip {self.name!r}: {self.frames} usable frame(s); at least {MINIMUM_FRAMES} are needed.")
         for track in self.contacts:

@@ -14,6 +14,7 @@ from hoi_retarget.files.tables import decode
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import closed_and_opened, seconds_to_frames
+from hoi_retarget.objects.object_joint import parents_of
 from hoi_retarget.robots.model import RobotModel
 
 MAX_MISSING_SHARE = 0.10
@@ -48,7 +49,7 @@ def forces_on_clip(motion: Motion, clip: Clip | None, model: RobotModel, physics
     if clip is None:
         return forces_of(motion, model, (), physics)
     geometries = [track.geometry for track in clip.objects]
-    return forces_of(motion, model, geometries, physics, held_by_others=held_by_others(clip, motion.person))
+    return forces_of(motion, model, geometries, physics, held_by_others=not_free(clip, motion.person))
 
 
 def physics_of_motion(motion: Motion) -> Physics:
@@ -63,6 +64,13 @@ def held_by_others(clip: Clip, person: int) -> Bool[np.ndarray, "T O"]:
         if contact.person != person:
             held[:, contact.object] |= contact.active
     return held
+
+
+def not_free(clip: Clip, person: int) -> Bool[np.ndarray, "T O"]:
+    """Return whether anybody but a person, or a joint, holds each object of a clip in each frame."""
+    parents = parents_of(clip.objects)
+    jointed = [track.joint is not None or index in parents for index, track in enumerate(clip.objects)]
+    return held_by_others(clip, person) | np.array(jointed, dtype=bool)
 
 
 def unheld_by_one(forces: Forces, motion: Motion) -> Bool[np.ndarray, "T"]:

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from mujoco import rollout
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.dynamics.feasibility import held_by_others
+from hoi_retarget.dynamics.feasibility import not_free
 from hoi_retarget.dynamics.inverse_dynamics import movement_of
 from hoi_retarget.dynamics.object_support import ObjectLoad, object_load
 from hoi_retarget.dynamics.physics_scene import (
@@ -364,7 +364,7 @@ def kept_objects(motion: Motion, clip: Clip, model: RobotModel, physics: Physics
             touches[frame] = replace(touch_of(palm_skin(model, palm), field, *local, scales[index]), object=index)
         hands.append(touches)
     free = FreeHands(model, scene_objects(motion, geometries, physics), poses, loads, motion.fps, physics)
-    others = held_by_others(clip, motion.person)
+    others = not_free(clip, motion.person)
     palms = [column for column, site in enumerate(motion.contact_links) if site in PALMS]
     return tuple(
         found

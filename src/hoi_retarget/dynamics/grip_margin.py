@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.dynamics.feasibility import held_by_others
+from hoi_retarget.dynamics.feasibility import not_free
 from hoi_retarget.dynamics.free_hands import LARGEST_GAP, PATCH_DEPTH, PATCH_POINTS, bent_skin, spread, touch_of
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY
 from hoi_retarget.dynamics.object_support import PYRAMID_EDGES, ObjectLoad, friction_edges, object_load
@@ -69,7 +69,7 @@ def grip_margins(motion: Motion, clip: Clip, kinematics: Kinematics, physics: Ph
 
     Raises `RobotError`: the robot's hands have no shapes; `GeometryError`: an object's mesh cannot be read.
     """
-    others, found = held_by_others(clip, motion.person), []
+    others, found = not_free(clip, motion.person), []
     columns = [column for column, site in enumerate(motion.contact_links) if site in PALMS]
     sites = [motion.contact_links[column] for column in columns]
     for index, track in enumerate(clip.objects):

@@ -12,7 +12,8 @@ that kinematics of the file are those of the motion. Dynamics to the bit are in 
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,7 +30,8 @@ from hoi_retarget.dynamics.robot_parts import parts_by_body
 from hoi_retarget.errors import RobotError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.objects.object_joint import JointPath, depth_first, parents_of, path_of, scaled
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import PALMS, SIDES, SOLE_CORNERS
@@ -43,6 +45,7 @@ _COLLIDING = 3  # MuJoCo's group of geometries that are not drawn by default.
 SOLES = frozenset(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS)
 FRICTION_STIFFNESS = 10.0
 """Of friction over that of what keeps things apart (MuJoCo's `impratio`): held objects must not creep."""
+JOINT_DAMPING = 1.0  # Of hinges [N m s/rad] and slides [N s/m]: no recording tells it, and HDMI's door has this.
 _ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
 FILE, BINARY, MESHES = "scene.xml", "scene.mjb", "meshes"
 KEYFRAMES = 11  # Number of keyframes over a motion, the first and the last frame included.
@@ -52,10 +55,12 @@ KEYFRAMES = 11  # Number of keyframes over a motion, the first and the last fram
 class SceneObject:
     """One object of a scene."""
 
-    body_name: str  # In the scene; `NAME_joint` is its free joint.
+    body_name: str  # In the scene; `NAME_joint` is its joint.
     body: ObjectBody
     shape: CollisionShape
     scale: float  # Of the shape.
+    parent: int = -1  # Index of the object that it is a part of; -1 for none.
+    path: JointPath | None = None  # Along its joint, of the motion; None where it is free.
 
     @property
     def corners(self) -> Float[np.ndarray, "V 3"]:
@@ -78,19 +83,38 @@ class PhysicsScene:
 
     def qpos(self, motion: Motion) -> Float[np.ndarray, "T nq"]:
         """Return configurations [m, rad, quaternion] along a motion: the robot's, then each object's pose."""
-        poses = np.concatenate([motion.object_pos, motion.object_quat], axis=2)
-        return np.concatenate([motion.qpos, poses.reshape(motion.frames, -1)], axis=1)
+        objects = self.object_qpos(motion.object_pos, motion.object_quat)
+        return np.concatenate([motion.qpos, *objects.values()], axis=1)
+
+    def object_qpos(
+        self, positions: Float[np.ndarray, "T O 3"], quats: Float[np.ndarray, "T O 4"]
+    ) -> dict[int, Float[np.ndarray, "T k"]]:
+        """Return coordinates by object, in MuJoCo's order: poses of free ones, states [rad, m] of joints."""
+        found = {}
+        for index in depth_first([item.parent for item in self.objects]):
+            item = self.objects[index]
+            if item.path is None:
+                found[index] = np.concatenate([positions[:, index], quats[:, index]], axis=1)
+            elif item.path.joint.kind != "fixed":
+                parent, part = (
+                    ObjectTrack(one.body_name, positions[:, place], quats[:, place], ObjectGeometry(one.corners))
+                    for place, one in ((item.parent, self.objects[item.parent]), (index, item))
+                )
+                found[index] = path_of(item.path.joint, parent, part).states[:, None]
+        return found
 
 
 def scene_of(
-    motion: Motion, model: RobotModel, geometries: Sequence[ObjectGeometry], physics: Physics = Physics()
+    motion: Motion, model: RobotModel, recorded: Sequence[ObjectTrack], physics: Physics = Physics()
 ) -> PhysicsScene:
-    """Return the scene of a motion and its objects, whose shapes are given in their order.
+    """Return the scene of a motion and its objects, whose recorded tracks are given in their order.
 
     Raises `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
     cannot be read.
     """
+    geometries = [track.geometry for track in recorded]
     objects = scene_objects(motion, geometries, physics, model.body_frames.names)
+    objects = tuple(map(partial(_hung, motion, recorded), objects, range(len(objects)), parents_of(recorded)))
     return PhysicsScene(model, actuators_of(model), objects, physics)
 
 
@@ -104,6 +128,18 @@ def scene_objects(
         body = object_body(name, geometry, scale, physics)
         objects.append(SceneObject(body_name, body, collision_shape(geometry), scale))
     return tuple(objects)
+
+
+def _hung(motion: Motion, recorded: Sequence[ObjectTrack], item: SceneObject, index: int, parent: int) -> SceneObject:
+    """Return an object with its joint along a motion, if it has one."""
+    joint = recorded[index].joint
+    if joint is None:
+        return item
+    part = replace(recorded[index], positions=motion.object_pos[:, index], quats=motion.object_quat[:, index])
+    origin = replace(part, positions=np.zeros((motion.frames, 3)), quats=np.tile(se3.IDENTITY_QUAT, (motion.frames, 1)))
+    if parent >= 0:
+        origin = replace(origin, positions=motion.object_pos[:, parent], quats=motion.object_quat[:, parent])
+    return replace(item, parent=parent, path=path_of(scaled(joint, item.scale), origin, part))
 
 
 def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
@@ -128,8 +164,10 @@ def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = 
         rgba=[0.55, 0.57, 0.6, 1.0],
         **floor_contacts(physics),
     )
-    for item in scene.objects:
-        add_object(description, item, physics, meshes)
+    for index in depth_first([item.parent for item in scene.objects]):
+        item = scene.objects[index]
+        above = scene.objects[item.parent].body_name if item.parent >= 0 else ""
+        add_object(description, item, physics, meshes, above=above)
     return description
 
 
@@ -140,11 +178,13 @@ def robot_description(scene: PhysicsScene) -> mujoco.MjSpec:
     return description
 
 
-def object_description(item: SceneObject, physics: Physics) -> mujoco.MjSpec:
-    """Return one of a scene's objects alone, with contacts as in the scene."""
-    description = mujoco.MjSpec()
-    description.modelname = item.body_name
-    add_object(description, item, physics)
+def object_description(scene: PhysicsScene, root: int) -> mujoco.MjSpec:
+    """Return one of a scene's objects with its parts, alone, with contacts as in the scene."""
+    description, parents = mujoco.MjSpec(), [item.parent for item in scene.objects]
+    description.modelname = scene.objects[root].body_name
+    for index in depth_first(parents, root):
+        above = "" if index == root else scene.objects[parents[index]].body_name
+        add_object(description, scene.objects[index], scene.physics, above=above)
     return description
 
 
@@ -215,8 +255,7 @@ def _set_robot(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
         joint, limit = description.joint(name), float(drives.torque[index])
         joint.armature = float(drives.armature[index])
         joint.frictionloss = 0.0
-        # One number before MuJoCo 4, a polynomial's since.
-        joint.damping = 0.0 if np.ndim(joint.damping) == 0 else [0.0] * len(joint.damping)
+        _set_damping(joint, 0.0)
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
         actuator = description.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=float(drives.stiffness[index]), kv=float(drives.damping[index]))
@@ -224,11 +263,26 @@ def _set_robot(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
 
 
 def add_object(
-    description: mujoco.MjSpec, item: SceneObject, physics: Physics, meshes: Mapping[str, bytes] | None = None
+    description: mujoco.MjSpec,
+    item: SceneObject,
+    physics: Physics,
+    meshes: Mapping[str, bytes] | None = None,
+    *,
+    above: str = "",
 ) -> None:
-    """Add an object to a description; see `scene_description`."""
-    node = description.worldbody.add_body(name=item.body_name)
-    node.add_freejoint(name=f"{item.body_name}_joint")
+    """Add an object to a description; see `scene_description`.
+
+    Args:
+        description: It gets the object.
+        item: The object.
+        physics: Masses and frictions.
+        meshes: As for a scene.
+        above: Name of the body of which it is a part; empty where it is none.
+    """
+    node = (description.body(above) if above else description.worldbody).add_body(name=item.body_name)
+    _add_joint(node, item)
+    if above:
+        description.add_exclude(bodyname1=above, bodyname2=item.body_name)
     node.explicitinertial = True
     node.mass, node.ipos = item.body.mass, item.body.centre
     inertia = item.body.inertia
@@ -257,6 +311,26 @@ def add_object(
         else:
             mesh.file = f"{name}.obj"
         node.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **common)
+
+
+def _add_joint(node: mujoco.MjsBody, item: SceneObject) -> None:
+    name = f"{item.body_name}_joint"
+    if item.path is None:
+        node.add_freejoint(name=name)
+        return
+    joint = item.path.joint
+    node.pos, node.quat = item.path.rest_position, item.path.rest_quat
+    if joint.kind == "fixed":
+        return
+    kind = mujoco.mjtJoint.mjJNT_HINGE if joint.kind == "hinge" else mujoco.mjtJoint.mjJNT_SLIDE
+    anchor = se3.rotate_inverse(item.path.rest_quat, np.array(joint.anchor) - item.path.rest_position)
+    axis = se3.rotate_inverse(item.path.rest_quat, np.array(joint.axis))
+    _set_damping(node.add_joint(name=name, type=kind, pos=anchor, axis=axis), JOINT_DAMPING)
+
+
+def _set_damping(joint: mujoco.MjsJoint, damping: float) -> None:
+    # One number before MuJoCo 4, a polynomial's since.
+    joint.damping = damping if np.ndim(joint.damping) == 0 else [damping, *[0.0] * (len(joint.damping) - 1)]
 
 
 def _friction(sliding: float) -> list[float]:
@@ -313,9 +387,10 @@ def exact_xml(scene: PhysicsScene, description: mujoco.MjSpec) -> ElementTree.El
                 element.set("pos", _numbers(item_of(name).pos))
                 element.set("quat", _numbers(item_of(name).quat))
     for element in root.iter("joint"):
-        name = element.get("name")
-        if name is not None and compiled.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE:
+        if (name := element.get("name")) is not None and element.get("axis") is not None:
             element.set("axis", _numbers(compiled.joint(name).axis))
+            if element.get("pos") is not None:
+                element.set("pos", _numbers(compiled.joint(name).pos))
     return root
 
 

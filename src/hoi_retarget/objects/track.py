@@ -6,6 +6,7 @@ World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only cop
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -61,9 +62,31 @@ class ObjectGeometry:
         )
 
 
+JointKind = Literal["fixed", "hinge", "slide"]
+
+
+@dataclass(frozen=True)
+class ObjectJoint:
+    """How an object moves in the frame of another one, of which it is a part; raises `ClipError` for a bad axis."""
+
+    parent: str
+    """Name of the other object; empty for the world, in which a joint is `fixed`."""
+    kind: JointKind
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Unit vector of a hinge's or a slide's axis in the parent's frame."""
+    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """A point of a hinge's axis in the parent's frame at captured size [m]."""
+
+    def __post_init__(self) -> None:
+        if abs(float(np.linalg.norm(self.axis)) - 1.0) > 1e-6 or not np.isfinite(self.anchor).all():
+            raise ClipError(f"joint on {self.parent!r}: axis {self.axis} is no unit vector, or its anchor is infinite.")
+        if not self.parent and self.kind != "fixed":
+            raise ClipError(f"joint: a {self.kind} needs a parent. Only what is fixed hangs on the world itself.")
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectTrack:
-    """One object's pose over time and its geometry."""
+    """One object's pose over time, its geometry, and its joint where it is a part of another object."""
 
     name: str
     positions: Float[np.ndarray, "T 3"]
@@ -71,6 +94,8 @@ class ObjectTrack:
     quats: Float[np.ndarray, "T 4"]
     """World rotation, wxyz."""
     geometry: ObjectGeometry
+    joint: ObjectJoint | None = None
+    """On another object of the clip; None where it is free."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "positions", frozen(self.positions))

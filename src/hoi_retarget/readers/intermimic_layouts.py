@@ -23,6 +23,7 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames
+from hoi_retarget.objects.object_joint import with_fitted_joints
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.fields import MAX_VALUE
 from hoi_retarget.readers.object_files import SAMPLE_POINTS, load_geometry
@@ -376,7 +377,9 @@ def tracks_of(
     touching = {
         (index, part): part_active(values, part) for index, values in enumerate(labels.values()) for part in PARTS
     }
-    return Tracks(people=(person,), objects=objects, touching=touching, notes=(*notes, *_row_notes(rows)))
+    return Tracks(
+        people=(person,), objects=with_fitted_joints(objects), touching=touching, notes=(*notes, *_row_notes(rows))
+    )
 
 
 def _geometry(objects: Path, name: str) -> ObjectGeometry:

@@ -35,6 +35,7 @@ from hoi_retarget.human import skeleton, t_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.object_joint import with_fitted_joints
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.fields import Fields, chosen_clip, folder_above, folder_of_tree, json_values
@@ -194,7 +195,7 @@ def _objects(
         raise ClipError(f"{path}: no part of an object is there in all frames of {interval.name}. Choose another one.")
     still = [track.name for track in made if _is_still(track)]
     sentences = {"Parts that do not move": still, "Left out, as they are there in some of the frames only": absent}
-    return tuple(made), tuple(f"{what}: {', '.join(names)}." for what, names in sentences.items() if names)
+    return with_fitted_joints(made), tuple(f"{what}: {', '.join(names)}." for what, names in sentences.items() if names)
 
 
 @lru_cache(maxsize=2)

@@ -17,12 +17,13 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import BODY_PARTS, PARTS
 from hoi_retarget.motion import formats
-from hoi_retarget.motion.check import CheckedMotion, check
+from hoi_retarget.motion.check import CheckedMotion, ObjectPath, check
 from hoi_retarget.motion.formats import MotionFile, own_result
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.readers.mjcf_objects import objects_beside
 from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 from hoi_retarget.robots import load_robot
@@ -53,10 +54,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     found = check(stored, model)
 
     def read_tracks() -> Tracks:
-        objects = tuple(
-            ObjectTrack(options.object_name or item.name, item.pos, item.quat, _geometry(file, options, item.name))
-            for item in found.objects
-        )
+        objects = tuple(track for item in found.objects for track in _objects(file, options, stored, item))
         person = person_of(model.forward(found.qpos))
         contacts = _flagged(stored, person, objects)
         return Tracks(people=(person,), objects=objects, contacts=contacts, notes=_notes(found))
@@ -92,6 +90,14 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
             f"{name}/{name}.obj in it, and --object NAME where it has another name there."
         )
     return load_geometry(options.objects, options.object_name or name)
+
+
+def _objects(file: SourceFile, options: ReadOptions, stored: MotionFile, path: ObjectPath) -> tuple[ObjectTrack, ...]:
+    """Return an object with the shape that the options name, or with its parts by an MJCF beside the motion."""
+    if options.objects is None and (beside := objects_beside(file, stored, path)):
+        return beside
+    name = options.object_name or path.name
+    return (ObjectTrack(name, path.pos, path.quat, _geometry(file, options, path.name)),)
 
 
 def _flagged(stored: MotionFile, person: Person, objects: tuple[ObjectTrack, ...]) -> tuple[ContactTrack, ...]:

@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 
 from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.dynamics.feasibility import held_by_others
+from hoi_retarget.dynamics.feasibility import not_free
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report, Window
 from hoi_retarget.retargeting.config import Config
@@ -101,10 +101,7 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
         clock.append(time.process_time())
         recorded, holds = targets, ()
         if on_surfaces(targets, config):
-            shared, simulated = (
-                held_by_others(clip, person).any(axis=0),
-                config.holds == "simulated" and clip.frames > 1,
-            )
+            shared, simulated = (not_free(clip, person).any(axis=0), config.holds == "simulated" and clip.frames > 1)
             alone = np.flatnonzero(~shared).tolist() if simulated else ()
             # Of several objects one may carry another, and what people share is in one place for all.
             one = config.object_path == "free" and len(clip.people) == len(clip.objects) == 1

@@ -31,6 +31,7 @@ from hoi_retarget.numerics.filters import (
     smooth_quats,
     smoothstep_around,
 )
+from hoi_retarget.objects.object_joint import depth_first, parents_of, path_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.retargeting.config import ContactKind, Scaling
 from hoi_retarget.retargeting.feet import Foot, anchor, anchor_weights, plant, resting_height, resting_tilt
@@ -366,7 +367,7 @@ def object_paths(
     """Return positions [m] and rotations (wxyz) of all objects on the robot's side.
 
     Each is scaled alone, but while another one carries it, its place over the carrier is the recording's, scaled as its
-    geometry is.
+    geometry is. A part follows its parent, by its joint, with the recording's smoothed states.
 
     `clip`: the recording; `root_scale`: human size to robot size; `geometry_scale`: size of the objects; `contact`:
     with surfaces, nothing is to be under the floor.
@@ -389,6 +390,13 @@ def object_paths(
             path = path + _sharper(off, carried, clip.fps)[:, None] * UP
         paths[index] = path
         shifts[:, :, index] = path - recorded
+    parents = parents_of(clip.objects)
+    for index in depth_first(parents):
+        track, parent = clip.objects[index], parents[index]
+        if track.joint is not None and parent >= 0:  # A part goes where its parent went.
+            found = path_of(track.joint, clip.objects[parent], track)
+            found = replace(found, states=smooth(found.states[:, None], clip.fps)[:, 0])
+            paths[index], turns[index] = found.in_world(paths[parent], turns[parent], geometry_scale)
     return paths, turns
 
 

@@ -91,11 +91,13 @@ def task_of(result: Result, scene: PhysicsScene) -> TrainingTask:
     for actuators in root.findall("actuator"):  # mjlab makes the drives of the task's numbers.
         root.remove(actuators)
     files = {folder / "robot.xml": to_bytes(root)}
-    for number, item in enumerate(scene.objects):
-        description = object_description(item, scene.physics)
+    for number in [index for index, item in enumerate(scene.objects) if item.parent < 0]:
+        description = object_description(scene, number)
         _place(description, _first_pose(resampled, number))
+        # An object that is fixed in the world stands in each of mjlab's environments, which moves such bodies alone.
+        description.worldbody.first_body().mocap = scene.objects[number].path is not None
         files[folder / f"object_{number}.xml"] = to_bytes(exact_xml(scene, description))
-    files[folder / "motion.npz"] = npz.encode(_arrays(resampled, states))
+    files[folder / "motion.npz"] = npz.encode(_arrays(resampled, states, scene))
     facts = _description(result, scene, resampled, states, f"Hoi-{name}")
     geoms = [geom.name for body in facts["contact_bodies"] for geom in robot.body(body).geoms if geom.contype]
     facts["touching"] = [name for name in geoms if name not in SOLES]
@@ -138,7 +140,7 @@ def _states(resampled: ResampledMotion, scene: PhysicsScene) -> _States:
     simulated = compiled(scene)
     data, twist = mujoco.MjData(simulated), np.empty(6)
     count = len(scene.model.body_frames.names)
-    qpos, qvel = _coordinates(resampled)
+    qpos, qvel = _coordinates(resampled, scene)
     pos, quat = np.empty((len(qpos), count, 3)), np.empty((len(qpos), count, 4))
     lin_vel, ang_vel, contacts = np.empty_like(pos), np.empty_like(pos), 0
     for frame in range(len(qpos)):
@@ -157,22 +159,37 @@ def _states(resampled: ResampledMotion, scene: PhysicsScene) -> _States:
     return _States(names, pos, se3.quat_continuous(quat), lin_vel, ang_vel, contacts)
 
 
-def _coordinates(resampled: ResampledMotion) -> tuple[np.ndarray, np.ndarray]:
+def _coordinates(resampled: ResampledMotion, scene: PhysicsScene) -> tuple[np.ndarray, np.ndarray]:
     """Return a scene's configurations and velocities: MuJoCo has a free body's spin in the body's own axes."""
-    frames = resampled.frames
-    poses = np.concatenate([resampled.object_pos, resampled.object_quat], axis=2)
     spins = se3.rotate(se3.quat_conjugate(resampled.object_quat), resampled.object_ang_vel)
     speeds = np.concatenate([resampled.object_lin_vel, spins], axis=2)
     root_spin = se3.rotate(se3.quat_conjugate(resampled.qpos[:, 3:7]), resampled.root_ang_vel)
-    qpos = np.concatenate([resampled.qpos, poses.reshape(frames, -1)], axis=1)
-    qvel = [resampled.root_lin_vel, root_spin, resampled.joint_vel, speeds.reshape(frames, -1)]
-    return qpos, np.concatenate(qvel, axis=1)
+    qpos, qvel = [resampled.qpos], [resampled.root_lin_vel, root_spin, resampled.joint_vel]
+    for index, own in scene.object_qpos(resampled.object_pos, resampled.object_quat).items():
+        qpos.append(own)
+        qvel.append(speeds[:, index] if scene.objects[index].path is None else _slopes(own))
+    return np.concatenate(qpos, axis=1), np.concatenate(qvel, axis=1)
 
 
-def _arrays(resampled: ResampledMotion, states: _States) -> dict[str, np.ndarray]:
+def _slopes(states: Float[np.ndarray, "T 1"]) -> Float[np.ndarray, "T 1"]:
+    """Return the velocities of a joint [rad/s, m/s]."""
+    return np.gradient(states, 1.0 / RATE, axis=0)
+
+
+def _joint_states(resampled: ResampledMotion, scene: PhysicsScene) -> Float[np.ndarray, "2 T O"]:
+    """Return states and velocities of the joints of objects; zero where there is none."""
+    found = np.zeros((2, resampled.frames, len(scene.objects)))
+    for index, own in scene.object_qpos(resampled.object_pos, resampled.object_quat).items():
+        if scene.objects[index].path is not None:
+            found[:, :, index] = own[:, 0], _slopes(own)[:, 0]
+    return found
+
+
+def _arrays(resampled: ResampledMotion, states: _States, scene: PhysicsScene) -> dict[str, np.ndarray]:
     """Return the arrays of mjlab's tracking task, and behind them objects and contacts."""
     contacts = contact_arrays(resampled, {})
     names = ("contact_links", "contact_bodies", "contact_body_points", "contact_flags", "contact_object")
+    states_of_joints = _joint_states(resampled, scene)
     return {
         "fps": np.array([RATE]),
         "joint_names": np.array(resampled.motion.joint_names, dtype=np.str_),
@@ -187,6 +204,8 @@ def _arrays(resampled: ResampledMotion, states: _States) -> dict[str, np.ndarray
         "object_quat_w": resampled.object_quat,
         "object_lin_vel_w": resampled.object_lin_vel,
         "object_ang_vel_w": resampled.object_ang_vel,
+        "object_joint_pos": states_of_joints[0],
+        "object_joint_vel": states_of_joints[1],
         **{name: contacts[name] for name in names},
     }
 
@@ -215,6 +234,8 @@ def _description(
                 "body": item.body_name,
                 "mass": item.body.mass,
                 "shape": item.shape.text,
+                "root": _root(scene, index),
+                "joint": "free" if item.path is None else item.path.joint.kind,
                 **_pose(_first_pose(resampled, index)),
             }
             for index, item in enumerate(scene.objects)
@@ -230,6 +251,12 @@ def _description(
         "most_constraints": 6 * most + 2 * model.n,  # Friction pyramids with torsion have six edges.
         **result.origin(),
     }
+
+
+def _root(scene: PhysicsScene, index: int) -> int:
+    """Return the index of the object of which an object is a part, or a part's part; its own where it is none."""
+    parent = scene.objects[index].parent
+    return index if parent < 0 else _root(scene, parent)
 
 
 def _joint(scene: PhysicsScene, index: int) -> dict[str, Any]:

@@ -66,19 +66,18 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
         seed: Of the random numbers; of a second attempt's, one more.
         on_progress: Is called after every plan, with the reference.
 
-    Raises `ArgumentError`: it is refined already; `ClipError`: it has one frame, or somebody else handles its objects
-    too; `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
-    cannot be read.
+    Raises `ArgumentError`: it is refined already; `ClipError`: it has one frame or parts on joints, or somebody else
+    handles its objects too; `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`:
+    an object's mesh cannot be read.
     """
     _check(motion, clip)
     start = time.process_time()
-    model = load_robot(motion.robot)
-    geometries = [] if clip is None else [track.geometry for track in clip.objects]
-    scene = scene_of(motion, model, geometries, physics)
+    model, tracks = load_robot(motion.robot), () if clip is None else clip.objects
+    scene = scene_of(motion, model, tracks, physics)
     forces = forces_on_clip(motion, clip, model, physics)
     steady = with_steady_contacts(motion)
     firm = forces_on_clip(steady, clip, model, with_weaker_grip(physics))
-    reference = with_approaches(scene, reference_of(scene, steady, firm), geometries)
+    reference = with_approaches(scene, reference_of(scene, steady, firm), [track.geometry for track in tracks])
     ended, refined, seed = _best_attempt(scene, reference, settings, seed, lambda now: on_progress(now, reference))
     holds = object_holds(reference, refined.rollout, model.n)
     simulated, fell, lost = refined.rollout, refined.rollout.fell_after is not None, False
@@ -168,3 +167,5 @@ def _check(motion: Motion, clip: Clip | None) -> None:
         raise ClipError("it has one frame, which is no motion.")
     if clip is not None and held_by_others(clip, motion.person).any():
         raise ClipError("somebody else handles its objects too, and one robot alone is simulated.")
+    if clip is not None and any(track.joint is not None for track in clip.objects):
+        raise ClipError("it has parts on joints, which are not refined yet; `scene` and `export --to mjlab-task` do.")

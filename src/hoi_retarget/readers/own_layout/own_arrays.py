@@ -186,6 +186,10 @@ def encode(clip: Clip, folder: Path) -> bytes:
         values["object_quat"] = np.stack([track.quats for track in clip.objects], axis=1)
     for index, track in enumerate(clip.objects):
         values |= _shape_values(index, track, folder)
+        if (joint := track.joint) is not None:
+            own = {"joint": np.str_(joint.kind), "parent": np.str_(joint.parent)}
+            own |= {"axis": np.array(joint.axis), "anchor": np.array(joint.anchor)}
+            values |= {f"object_{index}_{name}": value for name, value in own.items()}
     if clip.contacts:
         values |= {
             "contact_part": np.array([track.part for track in clip.contacts], dtype=np.str_),

@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -11,7 +12,8 @@ from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import ALL_PARTS
-from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.objects.object_joint import KINDS, MAX_OFF, MAX_OFF_DEG, distance_from, fitted_joint, path_of
+from hoi_retarget.objects.track import ObjectGeometry, ObjectJoint, ObjectTrack
 from hoi_retarget.readers.object_files import MAX_OBJECT_SIZE, load_geometry, load_mesh
 from hoi_retarget.readers.own_layout.own_arrays import FLAGS, INTEGERS, NUMBERS, TEXT, Arrays, check_unit
 
@@ -123,10 +125,44 @@ def objects_of(arrays: Arrays, frames: int, folder: Path | None) -> tuple[Object
     positions = arrays.array("object_pos", NUMBERS, (frames, len(names), 3), "the objects' positions [m]")
     quats = arrays.array("object_quat", NUMBERS, (frames, len(names), 4), "the objects' rotations, wxyz").astype(float)
     check_unit(arrays.path, "object_quat", quats)
-    return tuple(
+    tracks = [
         ObjectTrack(name, positions[:, index], quats[:, index], _geometry(arrays, index, name, folder))
         for index, name in enumerate(names)
-    )
+    ]
+    return tuple(replace(track, joint=_joint(arrays, index, tracks)) for index, track in enumerate(tracks))
+
+
+def _joint(arrays: Arrays, index: int, tracks: Sequence[ObjectTrack]) -> ObjectJoint | None:
+    """Return an object's joint: as the clip says, or where it names no axis, as poses say."""
+    key, part, known = f"object_{index}_joint", tracks[index], {track.name: track for track in tracks}
+    if key not in arrays:
+        return None
+    kind, parent = arrays.text(key, f"one of {', '.join(KINDS)}"), ""
+    if kind not in KINDS:
+        raise ClipError(f"{arrays.path}: {key} is {ascii(kind)[:40]}, expected one of {', '.join(KINDS)}.")
+    if f"object_{index}_parent" in arrays or kind != "fixed":
+        parent = arrays.text(f"object_{index}_parent", "the name of the object that it is a part of")
+    if parent and (parent not in known or parent == part.name):
+        raise ClipError(f"{arrays.path}: object_{index}_parent is {ascii(parent)[:40]}, which is no other object.")
+    axis, anchor = (f"object_{index}_{name}" for name in ("axis", "anchor"))
+    if axis not in arrays:
+        joint = fitted_joint(known[parent], part, kind) if parent else ObjectJoint(parent, kind)
+        if joint is None:
+            raise ClipError(
+                f"{arrays.path}: {part.name!r} does not move as on a {kind} in the frame of {parent!r}, within "
+                f"{1e3 * MAX_OFF:g} mm and {MAX_OFF_DEG:g} deg, or too little to find its axis. Name another joint, or "
+                f"give {axis} and {anchor}."
+            )
+        return joint
+    vectors = [arrays.array(name, NUMBERS, (3,), "in its parent's frame").tolist() for name in (axis, anchor)]
+    joint = ObjectJoint(parent, kind, tuple(vectors[0]), tuple(vectors[1]))
+    off, turned = distance_from(path_of(joint, known[parent], part), known[parent], part) if parent else (0.0, 0.0)
+    if off > MAX_OFF or turned > MAX_OFF_DEG:
+        raise ClipError(
+            f"{arrays.path}: {part.name!r} is up to {off:.3g} m and {turned:.3g} deg from where {axis} and {anchor} "
+            "put it. Give these in the parent's frame, the axis as a unit vector."
+        )
+    return joint
 
 
 def mesh_paths(arrays: Arrays) -> tuple[Path, ...]:

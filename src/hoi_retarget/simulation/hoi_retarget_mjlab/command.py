@@ -31,6 +31,8 @@ class ObjectMotionCommand(MotionCommand):
             arrays = {name: file[name] for name in file.files}
         self._check_names(arrays)
         self.objects = [env.scene[name] for name in cfg.object_names]
+        self._bodies = [item.body_names.index(body) for item, body in zip(self.objects, cfg.object_bodies, strict=True)]
+        self._joint_pos, self._joint_vel = (self._tensor(arrays[f"object_joint_{name}"]) for name in ("pos", "vel"))
         self._pos, self._quat, self._lin_vel, self._ang_vel = (
             self._tensor(arrays[f"object_{name}_w"]) for name in ("pos", "quat", "lin_vel", "ang_vel")
         )
@@ -60,12 +62,17 @@ class ObjectMotionCommand(MotionCommand):
     @property
     def simulated_object_pos_w(self) -> torch.Tensor:
         """Places of the simulated objects [m], (E, O, 3)."""
-        return torch.stack([item.data.root_link_pos_w for item in self.objects], dim=1)
+        return self.of_objects("pos")
 
     @property
     def simulated_object_quat_w(self) -> torch.Tensor:
         """Quaternions of the simulated objects, (E, O, 4)."""
-        return torch.stack([item.data.root_link_quat_w for item in self.objects], dim=1)
+        return self.of_objects("quat")
+
+    def of_objects(self, name: str) -> torch.Tensor:
+        """Return a property of the simulated objects' bodies in the world, such as `lin_vel`, (E, O, 3 or 4)."""
+        values = [getattr(item.data, f"body_link_{name}_w") for item in self.objects]
+        return torch.stack([each[:, body] for each, body in zip(values, self._bodies, strict=True)], dim=1)
 
     @property
     def labels(self) -> torch.Tensor:
@@ -113,11 +120,19 @@ class ObjectMotionCommand(MotionCommand):
         lower, upper = torch.minimum(limits[..., 0], reference), torch.maximum(limits[..., 1], reference)
         self.robot.write_joint_state_to_sim(torch.clip(mixed[4], lower, upper), mixed[5], env_ids=env_ids)
         frames = self.time_steps[env_ids]
-        for number, item in enumerate(self.objects):
+        for number, (item, joint) in enumerate(zip(self.objects, self.cfg.object_joints, strict=True)):
             place = self._pos[frames, number] + self._env.scene.env_origins[env_ids]
-            rest = (values[frames, number] for values in (self._quat, self._lin_vel, self._ang_vel))
-            item.write_root_state_to_sim(torch.cat([place, *rest], dim=-1), env_ids=env_ids)
-            item.reset(env_ids=env_ids)
+            turn, *moving = (values[frames, number] for values in (self._quat, self._lin_vel, self._ang_vel))
+            if joint == "free":
+                item.write_root_state_to_sim(torch.cat([place, turn, *moving], dim=-1), env_ids=env_ids)
+                item.reset(env_ids=env_ids)
+            elif joint == "fixed":
+                if self._bodies[number] == 0:  # Others are fixed parts of it, and follow.
+                    item.write_mocap_pose_to_sim(torch.cat([place, turn], dim=-1), env_ids=env_ids)
+            else:
+                column = [item.joint_names.index(f"{self.cfg.object_bodies[number]}_joint")]
+                own = (values[frames, number, None] for values in (self._joint_pos, self._joint_vel))
+                item.write_joint_state_to_sim(*own, joint_ids=column, env_ids=env_ids)
 
     def _update_metrics(self) -> None:
         super()._update_metrics()
@@ -151,7 +166,9 @@ class ObjectMotionCommand(MotionCommand):
 class ObjectMotionCommandCfg(MotionCommandCfg):
     """A motion with objects."""
 
-    object_names: tuple[str, ...] = ()  # Entities, in the order of the motion file.
+    object_names: tuple[str, ...] = ()  # Their entities, in the order of the motion file.
+    object_bodies: tuple[str, ...] = ()
+    object_joints: tuple[str, ...] = ()  # `free` where an object is none's part, and nothing fixes it.
     frames_kept_exact: int = 10  # Before and after each contact with an object, in which resets add nothing at random.
 
     def build(self, env: Any) -> ObjectMotionCommand:

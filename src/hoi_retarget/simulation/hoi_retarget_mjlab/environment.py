@@ -77,9 +77,10 @@ def environment(task: dict[str, Any], folder: Path, *, play: bool = False) -> Ma
 
 
 def _set_scene(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any], folder: Path) -> None:
-    names = [f"object_{number}" for number in range(len(task["objects"]))]
+    names = [f"object_{item['root']}" for item in task["objects"]]
     cfg.scene.entities = {"robot": _robot(task, folder)}
-    for name, item in zip(names, task["objects"], strict=True):
+    for number, item in _roots(task):
+        name = f"object_{number}"
         read = partial(_read, str(folder / f"{name}.xml"))
         start = EntityCfg.InitialStateCfg(pos=tuple(item["pos"]), rot=tuple(item["quat"]))
         cfg.scene.entities[name] = EntityCfg(spec_fn=read, init_state=start)
@@ -141,7 +142,9 @@ def _set_robot(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any], folder: Path) ->
         motion_file=str(folder / "motion.npz"),
         anchor_body_name=task["anchor_body"],
         body_names=tuple(task["tracked_bodies"]),
-        object_names=tuple(f"object_{number}" for number in range(len(task["objects"]))),
+        object_names=tuple(f"object_{item['root']}" for item in task["objects"]),
+        object_bodies=tuple(item["body"] for item in task["objects"]),
+        object_joints=tuple(item["joint"] for item in task["objects"]),
         viz=ObjectMotionCommandCfg.VizCfg(mode="frames"),  # Ghosts are of geometries that do not collide.
     )
     for group in cfg.observations.values():
@@ -180,7 +183,7 @@ def _add_objects(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any]) -> None:
     cfg.terminations["object_turned"] = TerminationTermCfg(func=terms.object_turned, params={"threshold": 1.2})
     if task["touching"]:
         cfg.events["hand_friction"] = _friction("robot", _exactly(task["touching"]), task["hand_friction"])
-    for number in range(len(task["objects"])):
+    for number, _ in _roots(task):
         cfg.events[f"object_{number}_friction"] = _friction(f"object_{number}", (".*",), task["object_friction"])
         cfg.events[f"object_{number}_mass"] = EventTermCfg(
             mode="startup",
@@ -190,6 +193,11 @@ def _add_objects(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any]) -> None:
                 "alpha_range": (-0.1, 0.1),  # Mass and inertia times exp(2 alpha): 0.82 to 1.22.
             },
         )
+
+
+def _roots(task: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:
+    """Return the objects that are no parts of others, with their numbers: each is an entity, its parts included."""
+    return [(number, item) for number, item in enumerate(task["objects"]) if item["root"] == number]
 
 
 def _friction(entity: str, geoms: tuple[str, ...], friction: float) -> EventTermCfg:

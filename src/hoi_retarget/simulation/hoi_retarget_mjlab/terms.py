@@ -44,9 +44,7 @@ def object_target(env: Any) -> torch.Tensor:
 def object_velocity(env: Any) -> torch.Tensor:
     """Return objects' velocities in the torso's axes, linear and angular, (E, 6 O)."""
     command = _command(env)
-    linear = torch.stack([item.data.root_link_lin_vel_w for item in command.objects], dim=1)
-    angular = torch.stack([item.data.root_link_ang_vel_w for item in command.objects], dim=1)
-    return torch.cat([_seen(command, linear), _seen(command, angular)], dim=1)
+    return torch.cat([_seen(command, command.of_objects(name)) for name in ("lin_vel", "ang_vel")], dim=1)
 
 
 def contact_labels(env: Any) -> torch.Tensor:

@@ -1,0 +1,126 @@
+"""Objects with joints of a robot's motion, as an MJCF in the motion's folder has them: a door, HDMI's for one.
+
+The motion has the pose of the MJCF's outermost body, and angles of its joints among those of the robot. Boxes, spheres,
+capsules, cylinders and meshes that stand in the file are shapes; other files that it names are not opened.
+
+Cites: LeCAR-Lab/HDMI `door.xml`, `door_joint`.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from hoi_retarget.errors import GeometryError
+from hoi_retarget.files.reading import parse_xml
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.motion.check import ObjectPath
+from hoi_retarget.motion.formats import MotionFile
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import JointKind, ObjectGeometry, ObjectJoint, ObjectTrack
+from hoi_retarget.robots.mjcf import mesh_of, quiet
+
+_KINDS: dict[int, JointKind] = {mujoco.mjtJoint.mjJNT_HINGE: "hinge", mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
+
+
+def objects_beside(file: SourceFile, stored: MotionFile, path: ObjectPath) -> tuple[ObjectTrack, ...]:
+    """Return an object of a motion and its parts by an MJCF beside the motion; none where no such file has the object.
+
+    Raises `GeometryError` where the file cannot be compiled, names other files, or lacks shapes.
+    """
+    folder = file.path if file.path.is_dir() else file.path.parent
+    for place in sorted(folder.glob("*.xml")):
+        compiled = _compiled(place, file.read(place))
+        names = [compiled.body(index).name for index in range(compiled.nbody)]
+        if path.name in names:
+            return _tracks(place, compiled, stored, path, names.index(path.name))
+    return ()
+
+
+def _compiled(place: Path, content: bytes) -> mujoco.MjModel:
+    try:
+        root = parse_xml(content)
+    except ValueError as error:
+        raise GeometryError(f"{place}: {error} Make the file again, or move it elsewhere.") from error
+    others = [item.get("file") or item.tag for item in root.iter() if item.get("file") or item.tag == "include"]
+    if others:
+        raise GeometryError(f"{place}: it names other files ({others[0]}), which are not opened. Put shapes into it.")
+    try:
+        with quiet():
+            return mujoco.MjSpec.from_string(content.decode()).compile()
+    except (ValueError, UnicodeDecodeError) as error:
+        raise GeometryError(f"{place}: MuJoCo cannot compile it: {error}") from error
+
+
+def _tracks(
+    place: Path, compiled: mujoco.MjModel, stored: MotionFile, path: ObjectPath, root: int
+) -> tuple[ObjectTrack, ...]:
+    below = [body for body in range(root, compiled.nbody) if root in _ancestors(compiled, body)]
+    data, names = mujoco.MjData(compiled), stored.joint_names or ()
+    joints = {int(compiled.body_jntadr[body]): body for body in below[1:] if compiled.body_jntnum[body]}
+    columns = {joint: names.index(name) for joint in joints if (name := compiled.joint(joint).name) in names}
+    poses = np.empty((len(path.pos), len(below), 7))
+    for frame, pose in enumerate(poses):
+        for joint, column in columns.items():
+            assert stored.joint_pos is not None
+            data.qpos[compiled.jnt_qposadr[joint]] = stored.joint_pos[frame, column]
+        mujoco.mj_kinematics(compiled, data)
+        pose[:, :3], pose[:, 3:] = data.xpos[below], data.xquat[below]
+    back, own = se3.quat_conjugate(poses[:, :1, 3:]), poses[:, :, :3] - poses[:, :1, :3]
+    places = path.pos[:, None] + se3.rotate(path.quat[:, None], se3.rotate(back, own))
+    turns = se3.quat_multiply(path.quat[:, None], se3.quat_multiply(back, poses[:, :, 3:]))
+    return tuple(
+        ObjectTrack(
+            compiled.body(body).name,
+            places[:, index],
+            turns[:, index],
+            _geometry(place, compiled, body),
+            _joint(compiled, body) if index else None,
+        )
+        for index, body in enumerate(below)
+    )
+
+
+def _ancestors(compiled: mujoco.MjModel, body: int) -> Sequence[int]:
+    return [body, *_ancestors(compiled, int(compiled.body_parentid[body]))] if body else []
+
+
+def _joint(compiled: mujoco.MjModel, body: int) -> ObjectJoint:
+    """Return the joint of a part in its parent's frame."""
+    parent, first = compiled.body(int(compiled.body_parentid[body])).name, int(compiled.body_jntadr[body])
+    kind = _KINDS.get(compiled.jnt_type[first]) if compiled.body_jntnum[body] == 1 else None
+    if kind is None:
+        return ObjectJoint(parent, "fixed")
+    pos, quat = compiled.body_pos[body], compiled.body_quat[body]
+    axis, anchor = se3.rotate(quat, compiled.jnt_axis[first]), pos + se3.rotate(quat, compiled.jnt_pos[first])
+    return ObjectJoint(parent, kind, tuple(axis.tolist()), tuple(anchor.tolist()))
+
+
+def _geometry(place: Path, compiled: mujoco.MjModel, body: int) -> ObjectGeometry:
+    import trimesh  # noqa: PLC0415  # takes a third of a second
+
+    points, faces, count = [], [], 0
+    for geom in np.flatnonzero(compiled.geom_bodyid == body).tolist():
+        size, made = compiled.geom_size[geom], None
+        kind = compiled.geom_type[geom]
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            made = mesh_of(compiled, geom)
+        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+            made = trimesh.creation.box(extents=2.0 * size)
+        elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+            made = trimesh.creation.icosphere(radius=size[0])
+        elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            made = trimesh.creation.capsule(radius=size[0], height=2.0 * size[1])
+        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            made = trimesh.creation.cylinder(radius=size[0], height=2.0 * size[1])
+        if made is None:
+            continue
+        vertices, triangles = made if isinstance(made, tuple) else (np.array(made.vertices), np.array(made.faces))
+        points.append(compiled.geom_pos[geom] + se3.rotate(compiled.geom_quat[geom], vertices))
+        faces.append(triangles + count)
+        count += len(vertices)
+    if not points:
+        name = compiled.body(body).name
+        raise GeometryError(f"{place}: the body {name!r} has no shape that is read: boxes, spheres, capsules, meshes.")
+    return ObjectGeometry(np.concatenate(points), faces=np.concatenate(faces))
