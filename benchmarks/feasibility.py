@@ -44,12 +44,11 @@ def measured(file: Path, objects: Path | None) -> dict[str, Any]:
     """Return the figures of one result, and how long it stands."""
     motion = load(file)
     model, clip = load_robot(motion.robot), clip_of(motion, objects=objects)
-    geometries = [track.geometry for track in clip.objects]
     forces_on_clip(motion, clip, model)  # Distance fields are there then.
     start = time.process_time()
     forces = forces_on_clip(motion, clip, model)
     spent = time.process_time() - start
-    scene = scene_of(motion, model, geometries, physics_of_motion(motion))
+    scene = scene_of(motion, model, clip.objects, physics_of_motion(motion))
     simulated, reference = compiled(scene), reference_of(scene, motion, forces)
     start = time.process_time()
     gains = feedback_gains(scene, simulated, reference)

@@ -1,5 +1,6 @@
 """Motions that are made without a solve: a robot's configurations beside an object."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from hoi_retarget.clip.clip import Source
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.robots.model import RobotModel
 
 FPS = 30.0
@@ -38,6 +40,14 @@ def plain_motion(model: RobotModel, qpos: np.ndarray, **changes: Any) -> Motion:
         human_height=1.7,
         report=Report(source=Source(path="builtin:carry_box", format="builtin")),
         **{**values, **changes},
+    )
+
+
+def tracks_of(motion: Motion, geometries: Sequence[ObjectGeometry]) -> tuple[ObjectTrack, ...]:
+    """Return a motion's objects as tracks, with these shapes."""
+    return tuple(
+        ObjectTrack(name, motion.object_pos[:, index], motion.object_quat[:, index], geometry)
+        for index, (name, geometry) in enumerate(zip(motion.object_names, geometries, strict=True))
     )
 
 

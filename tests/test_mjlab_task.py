@@ -37,7 +37,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation import mjlab_task
 from hoi_retarget.simulation.mjlab_task import package_files, plain_name, task_of
-from plain_motions import plain_motion, standing_qpos
+from plain_motions import plain_motion, standing_qpos, tracks_of
 from synthetic import make
 
 G1, H2 = load_robot("unitree_g1"), load_robot("unitree_h2")
@@ -49,8 +49,8 @@ HOSTILE = "x'\"); __import__('os').system('touch pwned')  # ../../<body>&{0}%s\n
 
 
 def task(result: Result, **physics):
-    geometries = [ObjectGeometry(CORNERS)] * len(result.motion.object_names)
-    return task_of(result, scene_of(result.motion, result.model, geometries, Physics(**physics)))
+    tracks = tracks_of(result.motion, [ObjectGeometry(CORNERS)] * len(result.motion.object_names))
+    return task_of(result, scene_of(result.motion, result.model, tracks, Physics(**physics)))
 
 
 def arrays(content: bytes, tmp_path: Path) -> dict[str, np.ndarray]:

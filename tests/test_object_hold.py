@@ -106,7 +106,7 @@ def test_a_held_box_does_not_creep():
     clip = make("carry_box")
     motion = plain_motion(model, standing_qpos(model, clip.frames))
     physics = Physics(object_mass=1.0)
-    scene = scene_of(motion, model, [track.geometry for track in clip.objects], physics)
+    scene = scene_of(motion, model, clip.objects, physics)
     simulated = compiled(scene)
     description = mujoco.MjSpec()
     option = description.option
@@ -142,7 +142,7 @@ def test_a_simulation_begins_with_its_object_on_the_floor():
     motion = plain_motion(model, standing_qpos(model, clip.frames))
     places = np.tile([1.0, 0.0, 0.0], (clip.frames, 1, 1))
     motion = replace(motion, object_pos=places, object_quat=np.tile(se3.IDENTITY_QUAT, (clip.frames, 1, 1)))
-    scene = scene_of(motion, model, [track.geometry for track in clip.objects], Physics(object_mass=1.0))
+    scene = scene_of(motion, model, clip.objects, Physics(object_mass=1.0))
     reference = reference_of(scene, motion, forces_of(motion, model, [track.geometry for track in clip.objects]))
     heights = [scene.objects[0].height(pose) for pose in object_poses(reference.qpos[:2], model.n)[:, 0]]
     assert heights[0] == pytest.approx(0.0, abs=1e-12) and heights[1] < -0.01

@@ -20,7 +20,7 @@ from hoi_retarget.motion import result_file
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
-from plain_motions import plain_motion, standing_qpos
+from plain_motions import plain_motion, standing_qpos, tracks_of
 from synthetic import make
 from tiny_robot import tiny_robot
 from trajectories import random_qpos
@@ -47,7 +47,7 @@ def staged(request):
     quats = se3.quat_normalize(generator.normal(size=(40, 1, 4)))
     motion = plain_motion(model, random_qpos(model, 40, generator), object_quat=quats)
     (track,) = make("move_chair").objects
-    return motion, model, scene_of(motion, model, (track.geometry,))
+    return motion, model, scene_of(motion, model, tracks_of(motion, (track.geometry,)))
 
 
 @settings(deadline=None, max_examples=25)
@@ -214,7 +214,7 @@ def test_robots_and_objects_do_not_share_names(staged):
     motion, model, _ = staged
     renamed = replace(motion, object_names=("torso_link", *motion.object_names[1:]))
     shape = box(np.array([0.3, 0.3, 0.3]))
-    scene = scene_of(renamed, model, (shape,))
+    scene = scene_of(renamed, model, tracks_of(renamed, (shape,)))
     assert len({item.body_name for item in scene.objects} | set(model.body_frames.names)) == len(scene.objects) + len(
         model.body_frames.names
     )

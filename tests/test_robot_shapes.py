@@ -172,7 +172,7 @@ def test_scene_of_a_robot_with_meshes_opens_and_is_the_robot(tmp_path, monkeypat
     model = load_robot("with_meshes")
     clip = hr.open_clip("builtin:carry_box")
     motion = hr.retarget(clip, without_shapes(built.spec, built.mjcf, tmp_path), hr.Config(contact="landmark"))
-    scene = scene_of(motion, model, [track.geometry for track in clip.objects])
+    scene = scene_of(motion, model, clip.objects)
     for place, content in scene_files(scene, motion).items():
         (tmp_path / "scene" / place).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "scene" / place).write_bytes(content)

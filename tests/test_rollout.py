@@ -21,7 +21,7 @@ from hoi_retarget.simulation.rollout import (
     tilt_deg,
     track,
 )
-from plain_motions import FPS, plain_motion, standing_qpos
+from plain_motions import FPS, plain_motion, standing_qpos, tracks_of
 from trajectories import MODELS
 
 G1 = MODELS["unitree_g1"]
@@ -33,7 +33,7 @@ def staged(qpos, **changes):
     place = np.tile([0.0, 2.0, 0.2], (len(qpos), 1, 1))
     motion = plain_motion(G1, qpos, **{"object_pos": place, **changes})
     geometries = (ObjectGeometry(CORNERS),)
-    scene = scene_of(motion, G1, geometries)
+    scene = scene_of(motion, G1, tracks_of(motion, geometries))
     return motion, scene, reference_of(scene, motion, forces_of(motion, G1, geometries))
 
 

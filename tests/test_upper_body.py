@@ -175,8 +175,7 @@ def test_physics_of_robots_on_a_base_is_refused_with_the_reason(tmp_path):
     model = without_shapes(built.spec, built.mjcf, tmp_path)
     clip = hr.open_clip(CLIP)
     motion = hr.retarget(clip, model, LANDMARK)
-    shapes = [track.geometry for track in clip.objects]
-    for asked in (lambda: scene_of(motion, model, shapes), lambda: forces_on_clip(motion, clip, model)):
+    for asked in (lambda: scene_of(motion, model, clip.objects), lambda: forces_on_clip(motion, clip, model)):
         with pytest.raises(RobotError, match=r"its base follows, .* robots on legs"):
             asked()
     assert motion.report.figures["missing_wrench_p95_share"] is None

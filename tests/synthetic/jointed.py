@@ -7,7 +7,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectJoint, ObjectTrack
 from synthetic.acting import Actor, Grip, act, contacts_of
 from synthetic.object_shapes import Block, Shape
-from synthetic.staging import Objects, StagedScene, before, holds, upright
+from synthetic.staging import StagedScene, holds, upright
 from synthetic.walking import Place, Times, Walk, keyed
 
 HEIGHT = 1.75

@@ -100,17 +100,13 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
 ) -> Summary:
     """Run all jobs of a specification that have no valid result yet, and keep the manifest in `out`.
 
-    Args:
-        specification: Clips, robots and variants.
-        out: Folder for results, `<robot>/<clip>...npz`, and the manifest; made when it does not exist.
-        pool: The workers; its function is `work.run_job`.
-        begun: Called with the kind of the tasks of a stage, their number, and the number of those to run: first jobs,
-            then results to be refined, once all are solved that can be.
-        ended: Called with the entry of each job that ends.
-        stopped: Returns whether to end early; finished jobs stay complete.
-
-    Raises `ArgumentError`: the specification asks for clips that are not there, or whose results would be written over
-    one; `HoiRetargetError`: another batch works in the folder, no worker can be started, or nothing can be written.
+    Args: `specification`: clips, robots and variants; `out`: folder for results, `<robot>/<clip>...npz`, and the
+    manifest; made when it does not exist; `pool`: the workers; its function is `work.run_job`; `begun`: called with the
+    kind of the tasks of a stage, their number, and the number of those to run: first jobs, then results to be refined,
+    once all are solved that can be; `ended`: called with the entry of each job that ends; `stopped`: returns whether to
+    end early; finished jobs stay complete. Raises `ArgumentError`: the specification asks for clips that are not there,
+    or whose results would be written over one; `HoiRetargetError`: another batch works in the folder, no worker can be
+    started, or nothing can be written.
     """
     start, out = time.monotonic(), out.absolute()
     jobs = jobs_of(specification)

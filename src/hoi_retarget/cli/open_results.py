@@ -66,12 +66,8 @@ def clip_or_warning(
 
     Raises `HoiRetargetError` where the user names the clip, and it is not to be had.
 
-    Args:
-        path: The result's file.
-        motion: The result.
-        options: Where the clip is.
-        without: The consequence of the missing clip, for the warning.
-        surfaces: Whether the objects' surfaces must be readable, too.
+    Args: `path`: the result's file; `motion`: the result; `options`: where the clip is; `without`: the consequence of
+    the missing clip, for the warning; `surfaces`: whether the objects' surfaces must be readable, too.
     """
     try:
         clip = clip_of(motion, name=options.clip, objects=options.objects)

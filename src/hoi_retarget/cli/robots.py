@@ -10,16 +10,7 @@ from pathlib import Path
 
 import mujoco
 
-from hoi_retarget.cli.commands import (
-    TRIAL_CLIPS,
-    AddRobot,
-    CheckRobot,
-    FetchMeshes,
-    ListRobots,
-    RemoveRobot,
-    Robots,
-    ShowRobot,
-)
+from hoi_retarget.cli import commands
 from hoi_retarget.cli.output_checks import check_json, check_writable, write_file, write_json
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
@@ -59,25 +50,25 @@ _MAX_COUPLING_ERROR_RAD = 0.05
 _USABLE, _REFUSED = 1, 2  # Exit codes of `robots add` beside 0.
 
 
-def execute_robots(command: Robots) -> int:
+def execute_robots(command: commands.Robots) -> int:
     """Execute an action on robots."""
     match command.action:
-        case AddRobot() as action:
+        case commands.AddRobot() as action:
             return _add(action)
-        case RemoveRobot() as action:
+        case commands.RemoveRobot() as action:
             say(f"removed: {user_robots.remove(action.name)}")
             return 0
-        case FetchMeshes() as action:
+        case commands.FetchMeshes() as action:
             return _meshes(action)
-        case ListRobots() as action:
+        case commands.ListRobots() as action:
             return _list(action)
-        case ShowRobot() as action:
+        case commands.ShowRobot() as action:
             return _show(action)
-        case CheckRobot() as action:
+        case commands.CheckRobot() as action:
             return _check(action)
 
 
-def _meshes(action: FetchMeshes) -> int:
+def _meshes(action: commands.FetchMeshes) -> int:
     spec = robot(action.name)
     if spec.name not in SOURCES:
         raise ArgumentError(
@@ -122,7 +113,7 @@ def fetch_look_once(spec: RobotSpec) -> None:
     say()
 
 
-def _list(action: ListRobots) -> int:
+def _list(action: commands.ListRobots) -> int:
     check_json(action.json)
     sizes = {"root": "shrinks with the robot", "captured": "as captured"}
     specs, damaged = list(ROBOTS.values()), False
@@ -144,7 +135,7 @@ def _list(action: ListRobots) -> int:
     return 1 if damaged else 0
 
 
-def _show(action: ShowRobot) -> int:
+def _show(action: commands.ShowRobot) -> int:
     spec = robot(action.name)
     if action.picture is not None:
         _check_picture(action.picture)
@@ -198,7 +189,7 @@ def _check_picture(path: Path) -> None:
     check_writable("--picture", path.parent)
 
 
-def _check(action: CheckRobot) -> int:
+def _check(action: commands.CheckRobot) -> int:
     """Print every finding, those of trials where nothing is an error; return 0 unless one is."""
     path = Path(action.subject)
     is_own = path.suffix.lower() == ".xml" and action.subject not in user_robots.names()
@@ -214,7 +205,7 @@ def _check(action: CheckRobot) -> int:
     return 1 if has_errors(findings) else 0
 
 
-def _add(action: AddRobot) -> int:
+def _add(action: commands.AddRobot) -> int:
     """Add a robot; return 0 when all is well, 1 when it is usable with warnings, 2 when it is refused."""
     name = action.name or user_robots.name_of(action.file)
     user_robots.check_name(name)
@@ -279,7 +270,7 @@ def _write_added_page(name: str, path: Path, record: Record, trials: list[RobotT
 def run_trials(spec: RobotSpec) -> list[RobotTrial]:
     """Return the trials of a robot on the clips that it was tried on when it was added."""
     mjcf = spec.mjcf.read_text(encoding="utf-8")
-    return [run_trial(spec, mjcf, clip) for clip in user_robots.record_of(spec.name).tried or TRIAL_CLIPS]
+    return [run_trial(spec, mjcf, clip) for clip in user_robots.record_of(spec.name).tried or commands.TRIAL_CLIPS]
 
 
 def run_trial(spec: RobotSpec, mjcf: str, clip: str) -> RobotTrial:

@@ -90,15 +90,10 @@ def forces_of(
 ) -> Forces:
     """Return the forces that a motion needs.
 
-    Args:
-        motion: The motion.
-        model: Its robot.
-        geometries: Shapes of its objects, in their order.
-        physics: Masses and frictions.
-        held_by_others: Where somebody else touches an object, too; nobody does by default.
-
-    Raises `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
-    cannot be read.
+    Args: `motion`: the motion; `model`: its robot; `geometries`: shapes of its objects, in their order; `physics`:
+    masses and frictions; `held_by_others`: where somebody else touches an object, too; nobody does by default. Raises
+    `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh cannot
+    be read.
     """
     actuators = actuators_of(model)
     movement = movement_of(motion.qpos, motion.fps, physics.smoothing)
@@ -289,12 +284,9 @@ def least_forces(
     those of least effort: a torque at its limit counts a thousandth of a missing weight, a force of the robot's weight
     a tenth of that.
 
-    Args:
-        effects: Of a unit of each of N forces on the bodies.
-        targets: Required wrenches of the bodies.
-        efforts: What a unit of each force takes from the torques, relative to their limits.
-        free_torques: Torques without forces, relative to their limits.
-        active: Which forces there are.
+    Args: `effects`: of a unit of each of N forces on the bodies; `targets`: required wrenches of the bodies; `efforts`:
+    what a unit of each force takes from the torques, relative to their limits; `free_torques`: torques without forces,
+    relative to their limits; `active`: which forces there are.
     """
     parts = [real(part) for part in (effects, targets, efforts, free_torques)]
     there = np.ascontiguousarray(active, dtype=np.int8)

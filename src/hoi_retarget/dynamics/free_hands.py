@@ -15,17 +15,10 @@ from jaxtyping import Float
 from mujoco import rollout
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.dynamics import physics_scene
 from hoi_retarget.dynamics.feasibility import not_free
 from hoi_retarget.dynamics.inverse_dynamics import movement_of
 from hoi_retarget.dynamics.object_support import ObjectLoad, object_load
-from hoi_retarget.dynamics.physics_scene import (
-    FRICTION_STIFFNESS,
-    SceneObject,
-    add_object,
-    floor_contacts,
-    hand_contacts,
-    scene_objects,
-)
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.dynamics.robot_parts import LINK_PARTS, convex_parts
 from hoi_retarget.motion.motion import Motion
@@ -143,12 +136,8 @@ def touch_of(
 ) -> Touch:
     """Return a palm on an object with the spread points at which its skin faces the surface, and is near it.
 
-    Args:
-        skin: Of the hand, as `palm_skin` returns it.
-        field: Of the object.
-        position: Of the palm in the object's frame [m].
-        rotation: Likewise.
-        scale: Of the object over its field.
+    Args: `skin`: of the hand, as `palm_skin` returns it; `field`: of the object; `position`: of the palm in the
+    object's frame [m]; `rotation`: likewise; `scale`: of the object over its field.
     """
     points = skin[0] @ rotation.T + position
     distances, normals = field.distances_and_normals(points / scale)
@@ -176,7 +165,7 @@ class FreeHands:
     """Objects of a motion of T frames, and two free hands of a robot."""
 
     model: RobotModel
-    objects: tuple[SceneObject, ...]
+    objects: tuple[physics_scene.SceneObject, ...]
     poses: Float[np.ndarray, "T O 7"]  # Of the objects: positions [m] and rotations.
     loads: tuple[ObjectLoad, ...]
     fps: float
@@ -290,12 +279,14 @@ class FreeHands:
         """Objects on a floor with the hands, each a free body about its palm, on springs."""
         description = mujoco.MjSpec()
         option, world = description.option, description.worldbody
-        option.timestep, option.iterations, option.impratio = TIMESTEP, ITERATIONS, FRICTION_STIFFNESS
+        option.timestep, option.iterations, option.impratio = TIMESTEP, ITERATIONS, physics_scene.FRICTION_STIFFNESS
         option.integrator, option.cone = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, mujoco.mjtCone.mjCONE_ELLIPTIC
-        world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], **floor_contacts(self.physics))
+        world.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], **physics_scene.floor_contacts(self.physics)
+        )
         world.add_site(name="world_origin")
         for item in self.objects:
-            add_object(description, item, self.physics)
+            physics_scene.add_object(description, item, self.physics)
         for palm in PALMS:
             hand = world.add_body(name=palm, gravcomp=1.0)
             hand.add_freejoint()
@@ -305,7 +296,7 @@ class FreeHands:
             for number, corners in enumerate(hand_parts(self.model, palm)):
                 description.add_mesh(name=f"{palm}_part{number}").uservert = corners.reshape(-1)
                 shape = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": f"{palm}_part{number}", "mass": 0.0}
-                hand.add_geom(**shape, **hand_contacts(self.physics))
+                hand.add_geom(**shape, **physics_scene.hand_contacts(self.physics))
             for axis, gear in enumerate(np.eye(6)):
                 place = axis < 3
                 spring = description.add_actuator(
@@ -363,7 +354,7 @@ def kept_objects(motion: Motion, clip: Clip, model: RobotModel, physics: Physics
             field = distance_field(geometries[index])
             touches[frame] = replace(touch_of(palm_skin(model, palm), field, *local, scales[index]), object=index)
         hands.append(touches)
-    free = FreeHands(model, scene_objects(motion, geometries, physics), poses, loads, motion.fps, physics)
+    free = FreeHands(model, physics_scene.scene_objects(motion, geometries, physics), poses, loads, motion.fps, physics)
     others = not_free(clip, motion.person)
     palms = [column for column, site in enumerate(motion.contact_links) if site in PALMS]
     return tuple(

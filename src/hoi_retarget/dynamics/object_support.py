@@ -67,13 +67,9 @@ def object_load(  # noqa: PLR0913, PLR0917  # the parts of a load
 ) -> ObjectLoad:
     """Return the load of one object.
 
-    Args:
-        name: Its name, which tells its density.
-        geometry: Its shape at captured size.
-        scale: Its size over captured size.
-        path: Its positions [m] and rotations (wxyz).
-        fps: Frames a second.
-        physics: Masses and frictions.
+    Args: `name`: its name, which tells its density; `geometry`: its shape at captured size; `scale`: its size over
+    captured size; `path`: its positions [m] and rotations (wxyz); `fps`: frames a second; `physics`: masses and
+    frictions.
     """
     body = object_body(name, geometry, scale, physics)
     movement = movement_of(np.concatenate(path, axis=1), fps, physics.smoothing)

@@ -107,7 +107,7 @@ class PhysicsScene:
 def scene_of(
     motion: Motion, model: RobotModel, recorded: Sequence[ObjectTrack], physics: Physics = Physics()
 ) -> PhysicsScene:
-    """Return the scene of a motion and its objects, whose recorded tracks are given in their order.
+    """Return the scene of a motion and its objects; their recorded tracks are given in their order.
 
     Raises `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`: an object's mesh
     cannot be read.
@@ -272,12 +272,8 @@ def add_object(
 ) -> None:
     """Add an object to a description; see `scene_description`.
 
-    Args:
-        description: It gets the object.
-        item: The object.
-        physics: Masses and frictions.
-        meshes: As for a scene.
-        above: Name of the body of which it is a part; empty where it is none.
+    Args: `description`: it gets the object; `item`: the object; `physics`: masses and frictions; `meshes`: as for a
+    scene; `above`: name of the body of which it is a part; empty where it is none.
     """
     node = (description.body(above) if above else description.worldbody).add_body(name=item.body_name)
     _add_joint(node, item)

@@ -44,12 +44,9 @@ def soundness(
 ) -> dict[str, float | None]:
     """Return the values of `SOUNDNESS` by name; None where undefined.
 
-    Args:
-        qpos: Root position [m], root rotation wxyz, joints [rad].
-        fps: Frames a second.
-        kinematics: The model's `forward(qpos)`.
-        stance: Left and right foot on the floor.
-        standing_height: Of the base, in the robot's home pose [m].
+    Args: `qpos`: root position [m], root rotation wxyz, joints [rad]; `fps`: frames a second; `kinematics`: the model's
+    `forward(qpos)`; `stance`: left and right foot on the floor; `standing_height`: of the base, in the robot's home
+    pose [m].
     """
     tilts = sole_tilts_deg(kinematics)[stance]
     # A root link on wheels may be on the floor, and has no height to speak of.

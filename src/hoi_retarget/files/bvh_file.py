@@ -93,13 +93,8 @@ def bvh_of_rotations(  # noqa: PLR0913 - the fields of a file
 ) -> Bvh:
     """Return the motion of a skeleton, from its joints' rotations in their parents.
 
-    Args:
-        names: of the joints.
-        parents: -1 for the root, which comes first.
-        offsets: places in the parents' frames while nothing is turned.
-        root: its places.
-        quats: wxyz.
-        rate: frames a second [Hz].
+    Args: `names`: of the joints; `parents`: -1 for the root, which comes first; `offsets`: places in the parents'
+    frames while nothing is turned; `root`: its places; `quats`: wxyz; `rate`: frames a second [Hz].
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Where two axes are one, one of the two angles is as good as the other.

@@ -15,12 +15,8 @@ def download_wheel(what: str, package: str, version: str, folder: Path, advice: 
 
     Raises `ReadError` where pip or the network is missing.
 
-    Args:
-        what: It is fetched for this, such as `the sample`.
-        package: Its name on the index.
-        version: Exactly.
-        folder: An empty one.
-        advice: What needs no network.
+    Args: `what`: it is fetched for this, such as `the sample`; `package`: its name on the index; `version`: exactly;
+    `folder`: an empty one; `advice`: what needs no network.
     """
     command = [
         *(sys.executable, "-m", "pip", "download", f"{package}=={version}", "--no-deps", "--only-binary=:all:"),

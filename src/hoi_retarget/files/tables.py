@@ -33,14 +33,9 @@ def decode(  # noqa: PLR0913  # the last three are options
 ) -> T:
     """Return plain values as a frozen dataclass, checked against the types of its fields.
 
-    Args:
-        kind: The dataclass; fields of it may be dataclasses, tuples and mappings of them.
-        values: From TOML or JSON.
-        owner: Begins an error: the file, and the key there.
-        default: Holds what the values leave out; by default the fields' own defaults do.
-        folder: What relative paths are relative to.
-        hidden: Fields that are no keys.
-
+    Args: `kind`: the dataclass; fields of it may be dataclasses, tuples and mappings of them; `values`: from TOML or
+    JSON; `owner`: begins an error: the file, and the key there; `default`: holds what the values leave out; by default
+    the fields' own defaults do; `folder`: what relative paths are relative to; `hidden`: fields that are no keys.
     Raises `ReadError`: a key does not exist, or a value is not of its field's type; `ArgumentError`: the dataclass
     refuses a value.
     """

@@ -54,14 +54,9 @@ def bend_leg(  # noqa: PLR0913 - the arrays of one pose, changed in place
 ) -> None:
     """Put an ankle at its goal in place, the knee bent towards a pole.
 
-    Args:
-        ankle: index of the joint.
-        positions: of all joints in the world [m]; those of the leg change.
-        quats: likewise, rotations.
-        turned: rotations in the parents.
-        offsets: of the joints in their parents [m].
-        goal: the ankle's places.
-        pole: directions.
+    Args: `ankle`: index of the joint; `positions`: of all joints in the world [m]; those of the leg change; `quats`:
+    likewise, rotations; `turned`: rotations in the parents; `offsets`: of the joints in their parents [m]; `goal`: the
+    ankle's places; `pole`: directions.
     """
     knee = PARENTS[ankle]
     hip = PARENTS[knee]

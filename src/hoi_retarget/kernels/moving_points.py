@@ -68,15 +68,10 @@ def meeting(  # noqa: PLR0913, PLR0917  # two links and what is asked of them
 ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N 3"], Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
     """Return the points of a link in another's solid: indices of frames, places, depths [m], slopes of distances.
 
-    Args:
-        solid: Of the other link.
-        points: Of the link, in its frame [m].
-        neighbours: Number of coarse points; for each point the nearest of these and how far that is and is at most [m].
-        link: Pose of the link.
-        other: Pose of the other link.
-        frames: Frames that are looked at.
-        margin: Distance that counts as inside [m].
-        overrated: Factor by which the solid may overrate distances.
+    Args: `solid`: of the other link; `points`: of the link, in its frame [m]; `neighbours`: number of coarse points;
+    for each point the nearest of these and how far that is and is at most [m]; `link`: pose of the link; `other`: pose
+    of the other link; `frames`: frames that are looked at; `margin`: distance that counts as inside [m]; `overrated`:
+    factor by which the solid may overrate distances.
     """
     coarse, nearest, away, farthest = neighbours
     points, own, others = real(points), [real(part) for part in link], [real(part) for part in other]
@@ -101,12 +96,8 @@ def hinge(
 ) -> tuple[Float[np.ndarray, "K F"], Float[np.ndarray, "K 3 F"], Float[np.ndarray, "K 3 F"]]:
     """Return residuals of hinges [m], and their derivatives by a link's linear and angular velocity.
 
-    Args:
-        levers: From the link's origin to the points [m].
-        distances: Of the points [m].
-        normals: In which the distances grow.
-        margin: Distance that costs nothing [m].
-        knee: Depth beyond which the cost is linear [m].
+    Args: `levers`: from the link's origin to the points [m]; `distances`: of the points [m]; `normals`: in which the
+    distances grow; `margin`: distance that costs nothing [m]; `knee`: depth beyond which the cost is linear [m].
     """
     levers, distances, normals = real(levers), real(distances), real(normals)
     each, count = distances.shape

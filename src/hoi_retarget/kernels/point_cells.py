@@ -128,15 +128,11 @@ def nearest_skin(  # noqa: PLR0913  # the parts of a skin, and what is asked of 
 ) -> tuple[Int[np.ndarray, "F K"], Float[np.ndarray, "F"], Float[np.ndarray, "F"]]:
     """Return the points of a skin that are nearest to a surface, spread; their least distance [m], and a lower bound.
 
-    Args:
-        surface: In its own frame.
-        points: Of the skin, in the link's frame [m].
-        patches: Order of the points by patches; first and number of points of each, and its radius [m].
-        poses: Rotations and origins of the link on the surface [m].
-        near: Patches that are further away are not looked at [m],
-        spread: and neither are those that are so much further than the nearest one [m].
-        count: Points in each pose.
-        apart: Least distance between two of them [m].
+    Args: `surface`: in its own frame; `points`: of the skin, in the link's frame [m]; `patches`: order of the points by
+    patches; first and number of points of each, and its radius [m]; `poses`: rotations and origins of the link on the
+    surface [m]; `near`: patches that are further away are not looked at [m],; `spread`: and neither are those that are
+    so much further than the nearest one [m]; `count`: points in each pose; `apart`: least distance between two of them
+    [m].
     """
     points, order, firsts, counts = real(points), *(whole(part) for part in patches[:3])
     own, radii = [real(part) for part in poses], real(patches[3])

@@ -100,13 +100,9 @@ class PointTree:
     ) -> Nearest:
         """Return which points can be the nearest ones to a shape at each of N places, within its limit.
 
-        Args:
-            shape: The solid or surface.
-            rotations: Of the points in its frame.
-            translations: Of the points in its frame [m].
-            limit: Largest distance of interest [m].
-            accuracy: Of the distances.
-            scale: Size of the shape over that of its samples.
+        Args: `shape`: the solid or surface; `rotations`: of the points in its frame; `translations`: of the points in
+        its frame [m]; `limit`: largest distance of interest [m]; `accuracy`: of the distances; `scale`: size of the
+        shape over that of its samples.
         """
         places, total, room = len(translations), len(self.points), _ROOM * len(translations)
         limits, known = np.broadcast_to(limit, places), np.array(accuracy)

@@ -58,12 +58,8 @@ class Shape:
     ) -> "Shape":
         """Return a surface in cells.
 
-        Args:
-            origin: Lowest corner of the first cell [m].
-            edge: Of a cell [m].
-            levels: Of the cells, as `Cells` has them.
-            starts: First sample of each cell.
-            samples: Distances [m].
+        Args: `origin`: lowest corner of the first cell [m]; `edge`: of a cell [m]; `levels`: of the cells, as `Cells`
+        has them; `starts`: first sample of each cell; `samples`: distances [m].
         """
         own = (
             np.ascontiguousarray(levels, dtype=np.int8),

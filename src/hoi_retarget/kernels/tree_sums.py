@@ -22,13 +22,9 @@ def forward(  # noqa: PLR0913, PLR0917  # the parts of a tree
 ) -> None:
     """Fill in the poses of all nodes but the root's, as `RobotModel.forward` has them.
 
-    Args:
-        parents: Node before each hinge.
-        offsets: Of hinges in the frames of these [m].
-        hinge_rotations: Constant part, and parts that the cosine and the sine of an angle multiply.
-        theta: Angles [rad].
-        rotation: Of the nodes; the root's are given.
-        position: Of the nodes [m].
+    Args: `parents`: node before each hinge; `offsets`: of hinges in the frames of these [m]; `hinge_rotations`:
+    constant part, and parts that the cosine and the sine of an angle multiply; `theta`: angles [rad]; `rotation`: of
+    the nodes; the root's are given; `position`: of the nodes [m].
     """
     cosine, sine = np.cos(theta), np.sin(theta)
     own = whole(parents), real(offsets), real(hinge_rotations), cosine, sine
@@ -53,14 +49,9 @@ class RowSums:
     ) -> None:
         """Add the rows of one frame fixed to a node, as `FrameRows` has them.
 
-        Args:
-            node: That carries the frame.
-            residual: Of the rows.
-            by_linear: Derivative by the frame's velocity in world axes.
-            by_angular: Derivative by its angular velocity.
-            levers: From the root to the frame [m].
-            weight: Of the rows.
-            frames: Of the trajectory; None for all.
+        Args: `node`: that carries the frame; `residual`: of the rows; `by_linear`: derivative by the frame's velocity
+        in world axes; `by_angular`: derivative by its angular velocity; `levers`: from the root to the frame [m];
+        `weight`: of the rows; `frames`: of the trajectory; None for all.
         """
         parts = [None if part is None else real(part) for part in (residual, by_linear, by_angular, levers)]
         chosen = None if frames is None else whole(frames)
@@ -81,13 +72,9 @@ class RowSums:
     ) -> None:
         """Add the normal equations of the rows to a band and a gradient, in place; these sums are used up.
 
-        Args:
-            parents: Node before each hinge.
-            axes: Twists of the tangent coordinates at the root.
-            column_nodes: Node that each coordinate moves first.
-            coupled: `RobotModel.moving_columns`.
-            band: Of `NormalEquations`.
-            gradient: Of `NormalEquations`.
+        Args: `parents`: node before each hinge; `axes`: twists of the tangent coordinates at the root; `column_nodes`:
+        node that each coordinate moves first; `coupled`: `RobotModel.moving_columns`; `band`: of `NormalEquations`;
+        `gradient`: of `NormalEquations`.
         """
         if len(column_nodes) > _MOST_COORDINATES:
             raise ArgumentError(

@@ -28,12 +28,8 @@ def savitzky_golay(
 
     As `scipy.signal.savgol_filter`, which takes a second of CPU to import.
 
-    Args:
-        path: At least as long as the window.
-        window: Frames of a fit, an odd number.
-        order: Of the polynomials.
-        derivative: Which one.
-        spacing: Between frames, in the unit of the derivative.
+    Args: `path`: at least as long as the window; `window`: frames of a fit, an odd number; `order`: of the polynomials;
+    `derivative`: which one; `spacing`: between frames, in the unit of the derivative.
     """
     half, powers = window // 2, np.arange(order + 1)
     places = np.arange(window) - half

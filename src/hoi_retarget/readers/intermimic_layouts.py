@@ -313,13 +313,9 @@ def recording_of(  # noqa: PLR0913  # layouts differ in all of them
 ) -> SourceRecording:
     """Return the recording in rows that are not checked yet.
 
-    Args:
-        rows: Of the file.
-        names: Of the objects; empty where neither the file nor the user tells them.
-        licence: The terms of the data.
-        read_tracks: Checks the rows and returns `tracks_of` them.
-        notes: Known without the arrays.
-        names_objects: Whether the layout has the objects' names.
+    Args: `rows`: of the file; `names`: of the objects; empty where neither the file nor the user tells them; `licence`:
+    the terms of the data; `read_tracks`: checks the rows and returns `tracks_of` them; `notes`: known without the
+    arrays; `names_objects`: whether the layout has the objects' names.
     """
     count = len(rows.objects)
     columns = [rows.used(name).ravel() for name in rows.fields if name.endswith("body contact labels")]
@@ -352,12 +348,8 @@ def tracks_of(
 ) -> Tracks:
     """Return the person and the objects, whose contacts are from the bodies' labels; raises `GeometryError`.
 
-    Args:
-        rows: Checked ones.
-        person: The one in them.
-        labels: Of the bodies, by the objects' names.
-        folder: Of the objects' geometry.
-        notes: What was found before.
+    Args: `rows`: checked ones; `person`: the one in them; `labels`: of the bodies, by the objects' names; `folder`: of
+    the objects' geometry; `notes`: what was found before.
     """
     if folder is None:
         files = ", ".join(f"{mesh}/{mesh}.obj or {mesh}/{SAMPLE_POINTS}" for mesh in map(_mesh_name, labels))

@@ -21,7 +21,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import JointKind, ObjectGeometry, ObjectJoint, ObjectTrack
 from hoi_retarget.robots.mjcf import mesh_of, quiet
 
-_KINDS: dict[int, JointKind] = {mujoco.mjtJoint.mjJNT_HINGE: "hinge", mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
+_KINDS: dict[int, JointKind] = {int(mujoco.mjtJoint.mjJNT_HINGE): "hinge", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide"}
 
 
 def objects_beside(file: SourceFile, stored: MotionFile, path: ObjectPath) -> tuple[ObjectTrack, ...]:
@@ -89,7 +89,7 @@ def _ancestors(compiled: mujoco.MjModel, body: int) -> Sequence[int]:
 def _joint(compiled: mujoco.MjModel, body: int) -> ObjectJoint:
     """Return the joint of a part in its parent's frame."""
     parent, first = compiled.body(int(compiled.body_parentid[body])).name, int(compiled.body_jntadr[body])
-    kind = _KINDS.get(compiled.jnt_type[first]) if compiled.body_jntnum[body] == 1 else None
+    kind = _KINDS.get(int(compiled.jnt_type[first])) if compiled.body_jntnum[body] == 1 else None
     if kind is None:
         return ObjectJoint(parent, "fixed")
     pos, quat = compiled.body_pos[body], compiled.body_quat[body]

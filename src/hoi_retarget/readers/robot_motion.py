@@ -22,7 +22,8 @@ from hoi_retarget.motion.formats import MotionFile, own_result
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.objects.object_joint import scaled
+from hoi_retarget.objects.track import ObjectGeometry, ObjectJoint, ObjectTrack
 from hoi_retarget.readers.mjcf_objects import objects_beside
 from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
@@ -116,12 +117,11 @@ def _of_result(file: SourceFile, options: ReadOptions, motion: Motion, model: Ro
         raise ArgumentError(f"--from {model.spec.name}: {file.name} is a result for {motion.robot}. Pass --from that.")
 
     def read_tracks() -> Tracks:
-        shapes = _shapes(file, options, motion)
+        scales, places, turns = motion.object_scale.tolist(), motion.object_pos, motion.object_quat
+        recorded = zip(motion.object_names, _shapes(file, options, motion), scales, strict=True)
         objects = tuple(
-            ObjectTrack(name, motion.object_pos[:, index], motion.object_quat[:, index], _at_size(shape, scale))
-            for index, (name, shape, scale) in enumerate(
-                zip(motion.object_names, shapes, motion.object_scale.tolist(), strict=True)
-            )
+            ObjectTrack(name, places[:, index], turns[:, index], _at_size(shape, scale), joint and scaled(joint, scale))
+            for index, (name, (shape, joint), scale) in enumerate(recorded)
         )
         person = person_of(model.forward(motion.qpos))
         return Tracks(people=(person,), objects=objects, contacts=tuple(_contacts(motion, model, person, objects)))
@@ -131,14 +131,14 @@ def _of_result(file: SourceFile, options: ReadOptions, motion: Motion, model: Ro
     return _recording(file, model, objects=motion.object_names, read_tracks=read_tracks, **facts)
 
 
-def _shapes(file: SourceFile, options: ReadOptions, motion: Motion) -> list[ObjectGeometry]:
-    """Return the shapes of a result's objects as captured: of the folder that is named, or of the result's clip."""
+def _shapes(file: SourceFile, options: ReadOptions, motion: Motion) -> list[tuple[ObjectGeometry, ObjectJoint | None]]:
+    """Return shapes and joints of a result's objects as captured: of its clip, or shapes of the named folder."""
     from hoi_retarget.readers.open import clip_of  # noqa: PLC0415  # it reads by way of this package
 
     if options.objects is not None or not motion.object_names:
-        return [_geometry(file, options, name) for name in motion.object_names]
+        return [(_geometry(file, options, name), None) for name in motion.object_names]
     try:
-        return [track.geometry for track in clip_of(motion).objects]
+        return [(track.geometry, track.joint) for track in clip_of(motion).objects]
     except ReadError as error:
         raise GeometryError(f"{file.name}: {error} Or pass --objects DIR with the shapes of its objects.") from error
 

@@ -6,19 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hoi_retarget import evaluation
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.dynamics.physics_settings import FigureSet
 from hoi_retarget.errors import ArgumentError, SolveError
-from hoi_retarget.evaluation import (
-    Comparison,
-    figures_of,
-    inter_robot_hand_errors,
-    inter_robot_penetrations,
-    sunk_links,
-    surface_residuals,
-    thin_air_contacts,
-    unreached_contacts,
-)
 from hoi_retarget.evaluation.surface_distances import surface_kind
 from hoi_retarget.evaluation.thresholds import fatal_fault
 from hoi_retarget.files.atomic import remove, write_together
@@ -53,7 +44,7 @@ def judge(solution: Solution, figures: FigureSet = "all") -> Motion:
 
     Raises `GeometryError` when an object's mesh cannot be read.
     """
-    in_air = thin_air_contacts(solution.clip, solution.person)
+    in_air = evaluation.thin_air_contacts(solution.clip, solution.person)
     solution = replace(solution, motion=solution.motion.with_report(thin_air_contacts=in_air))
     if figures == "none":
         return solution.motion
@@ -64,14 +55,14 @@ def judge(solution: Solution, figures: FigureSet = "all") -> Motion:
 def _judged(solution: Solution, *, complete: bool) -> Motion:
     start = time.process_time()
     motion, clip, kinematics = solution.motion, solution.clip, solution.kinematics
-    view = Comparison(motion, clip, solution.person, kinematics)
+    view = evaluation.Comparison(motion, clip, solution.person, kinematics)
     surfaces = motion.report.touches_with_surfaces
-    found: dict[str, Any] = {"figures": figures_of(view, "all" if complete else "fast")}
+    found: dict[str, Any] = {"figures": evaluation.figures_of(view, "all" if complete else "fast")}
     if complete or not surfaces:
-        residuals = surface_residuals(view) if surfaces else None
-        found["unreached_contacts"] = unreached_contacts(motion, kinematics, residuals=residuals)
+        residuals = evaluation.surface_residuals(view) if surfaces else None
+        found["unreached_contacts"] = evaluation.unreached_contacts(motion, kinematics, residuals=residuals)
     if complete:
-        found["sunk_links"] = sunk_links(view) if surfaces else ()
+        found["sunk_links"] = evaluation.sunk_links(view) if surfaces else ()
         found["object_surfaces"] = {track.name: surface_kind(track.geometry) for track in clip.objects}
     seconds = {**motion.report.cpu_seconds, "metrics": time.process_time() - start}
     return motion.with_report(**found, cpu_seconds=seconds)
@@ -83,8 +74,8 @@ def judge_team(solutions: Sequence[Solution], figures: FigureSet = "all") -> tup
     if figures == "none":
         return motions
     models = [solution.model for solution in solutions]
-    errors = inter_robot_hand_errors(motions, models)
-    penetrations, depths = inter_robot_penetrations(motions, models)
+    errors = evaluation.inter_robot_hand_errors(motions, models)
+    penetrations, depths = evaluation.inter_robot_penetrations(motions, models)
     return tuple(
         motion.with_report(
             figures={**motion.report.figures, "robot_penetration_max_m": depth},

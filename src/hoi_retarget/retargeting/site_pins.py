@@ -57,14 +57,9 @@ def site_pin(  # noqa: PLR0913  # the parts of a pinned path
 ) -> SitePin:
     """Return the pins of one site.
 
-    Args:
-        site: The robot's.
-        pins: Of the part that it stands for, in the order of time.
-        positions: What the site would follow [m].
-        quats: Likewise its rotation.
-        scale: Human size to robot size.
-        stands: When the site is a foot that stands.
-        fps: Frames a second.
+    Args: `site`: the robot's; `pins`: of the part that it stands for, in the order of time; `positions`: what the site
+    would follow [m]; `quats`: likewise its rotation; `scale`: human size to robot size; `stands`: when the site is a
+    foot that stands; `fps`: frames a second.
     """
     ramp, frames = seconds_to_frames(RAMP_SECONDS, fps), len(positions)
     places = {pin.frame: scale * np.array(pin.position) - positions[pin.frame] for pin in pins}

@@ -50,12 +50,8 @@ class Solution:
     def of(cls, clip: Clip, person: int, targets: Targets, motion: Motion, model: RobotModel) -> "Solution":
         """Return the solution; its motion's report names pins, flipped limbs and turns of the trunk.
 
-        Args:
-            clip: The recording.
-            person: Index of the person.
-            targets: Of the robot.
-            motion: Follows them.
-            model: The robot.
+        Args: `clip`: the recording; `person`: index of the person; `targets`: of the robot; `motion`: follows them;
+        `model`: the robot.
         """
         kinematics = model.forward(motion.qpos)
         flips = orientation_flips(rotation_errors_deg(kinematics, targets))
@@ -150,18 +146,11 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
 ) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
     """Return the optimized trajectory [m, rad] (paper Sec. III-B) and the report of each window.
 
-    Args:
-        model: The robot.
-        targets: Of the T frames.
-        ik_qpos: The reference.
-        config: Weights, solver, contact.
-        windows: Frames that are solved at once; by default those of the horizon.
-        start: Holds the pinned frames, and is the start of the first pass; by default the reference.
-        first_frame: Frame of the clip in which the targets start, for messages.
-        roughly: Hands go to their holds, and surfaces may be in each other.
-
-    Raises `GeometryError`: an object's mesh cannot be read; `SolveError`: a window fails, or its trajectory breaks a
-    joint range or a joint speed.
+    Args: `model`: the robot; `targets`: of the T frames; `ik_qpos`: the reference; `config`: weights, solver, contact;
+    `windows`: frames that are solved at once; by default those of the horizon; `start`: holds the pinned frames, and is
+    the start of the first pass; by default the reference; `first_frame`: frame of the clip in which the targets start,
+    for messages; `roughly`: hands go to their holds, and surfaces may be in each other. Raises `GeometryError`: an
+    object's mesh cannot be read; `SolveError`: a window fails, or its trajectory breaks a joint range or a joint speed.
     """
     frames = windows_of(config.horizon, targets.frames) if windows is None else windows
 

@@ -20,17 +20,8 @@ from hoi_retarget.human.person import LARGEST_DIFFERENCE, Person, stance
 from hoi_retarget.human.rotation_jumps import RotationJump, without_rotation_jumps
 from hoi_retarget.human.skeleton import LIMBS, trunk_rotations
 from hoi_retarget.motion.motion_report import PinnedPart
-from hoi_retarget.numerics import se3
+from hoi_retarget.numerics import filters, se3
 from hoi_retarget.numerics.arrays import frozen, runs
-from hoi_retarget.numerics.filters import (
-    between_known,
-    nearest_active,
-    rate_limited_upper_envelope,
-    seconds_to_frames,
-    smooth,
-    smooth_quats,
-    smoothstep_around,
-)
 from hoi_retarget.objects.object_joint import depth_first, parents_of, path_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.retargeting.config import ContactKind, Scaling
@@ -125,12 +116,9 @@ def make_targets(
 ) -> Targets:
     """Return the targets of one robot for one person of a clip.
 
-    Args:
-        clip: The recording.
-        model: The robot.
-        scaling: Sizes of human and objects on the robot's side.
-        contact: With surfaces, feet keep one place for each stance run; otherwise they follow the person's.
-        person: Index of the person.
+    Args: `clip`: the recording; `model`: the robot; `scaling`: sizes of human and objects on the robot's side;
+    `contact`: with surfaces, feet keep one place for each stance run; otherwise they follow the person's; `person`:
+    index of the person.
     """
     human, jumps = without_rotation_jumps(clip.people[person], clip.fps)
     root_scale = _root_scale(clip, model, scaling)
@@ -164,7 +152,7 @@ def make_targets(
         site_positions=frozen(goals.positions),
         site_quats=frozen(goals.quats),
         trunk_rotations=frozen(trunk_rotations(human.position)),
-        torso_quats=frozen(smooth_quats(goals.quats[:, goals.row("torso")], clip.fps)),
+        torso_quats=frozen(filters.smooth_quats(goals.quats[:, goals.row("torso")], clip.fps)),
         foot_positions=frozen(foot_positions),
         foot_quats=frozen(foot_quats),
         anchor_weights=frozen(anchors),
@@ -199,12 +187,8 @@ def with_pins(
     A pinned foot moves its own targets, in all frames of the stance.
     Raises `RobotError` where the robot has no such part.
 
-    Args:
-        targets: Without pins.
-        clip: With the pins.
-        model: The robot.
-        ik_qpos: Places of sites without targets [m, rad].
-        person: Index of the person.
+    Args: `targets`: without pins; `clip`: with the pins; `model`: the robot; `ik_qpos`: places of sites without targets
+    [m, rad]; `person`: index of the person.
     """
     pinned = [pin for pin in clip.pins if pin.person == person]
     if not pinned:
@@ -372,14 +356,14 @@ def object_paths(
     `clip`: the recording; `root_scale`: human size to robot size; `geometry_scale`: size of the objects; `contact`:
     with surfaces, nothing is to be under the floor.
     """
-    turns = [smooth_quats(track.quats, clip.fps) for track in clip.objects]
+    turns = [filters.smooth_quats(track.quats, clip.fps) for track in clip.objects]
     paths = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
     found, frames = supports(clip.objects, clip.fps), np.arange(clip.frames)
     # Of each object: its place less the recorded one, scaled; the second is after smoothing.
     shifts = np.zeros((2, clip.frames, len(clip.objects), 3))
     for index in found.order:
         track, path, carriers = clip.objects[index], paths[index], found.carriers[:, index]
-        recorded = geometry_scale * track.positions, geometry_scale * smooth(track.positions, clip.fps)
+        recorded = geometry_scale * track.positions, geometry_scale * filters.smooth(track.positions, clip.fps)
         of_carrier, carried = shifts[:, frames, carriers], carriers >= 0
         if carried.any():
             path = recorded[1] + _with_carriers(track, path - recorded[1], carried, of_carrier[1], clip.fps)
@@ -395,7 +379,7 @@ def object_paths(
         track, parent = clip.objects[index], parents[index]
         if track.joint is not None and parent >= 0:  # A part goes where its parent went.
             found = path_of(track.joint, clip.objects[parent], track)
-            found = replace(found, states=smooth(found.states[:, None], clip.fps)[:, 0])
+            found = replace(found, states=filters.smooth(found.states[:, None], clip.fps)[:, 0])
             paths[index], turns[index] = found.in_world(paths[parent], turns[parent], geometry_scale)
     return paths, turns
 
@@ -412,15 +396,11 @@ def _with_carriers(
     As far as its carrier is. In between it moves as an object that is alone, over a ground that goes from one carrier,
     or from the floor, to the next.
 
-    Args:
-        track: The object.
-        alone: The way if nothing carried it [m].
-        carried: When another object carries it.
-        of_carrier: The carrier's way [m].
-        fps: Frames a second.
+    Args: `track`: the object; `alone`: the way if nothing carried it [m]; `carried`: when another object carries it;
+    `of_carrier`: the carrier's way [m]; `fps`: frames a second.
     """
     known = carried | (track.lowest < ON_FLOOR)
-    return alone + between_known(np.where(carried[:, None], of_carrier - alone, 0.0), known, fps)
+    return alone + filters.between_known(np.where(carried[:, None], of_carrier - alone, 0.0), known, fps)
 
 
 def _sharper(off: Float[np.ndarray, "T"], carried: Bool[np.ndarray, "T"], fps: float) -> Float[np.ndarray, "T"]:
@@ -428,8 +408,8 @@ def _sharper(off: Float[np.ndarray, "T"], carried: Bool[np.ndarray, "T"], fps: f
 
     Smoothing lifts an object before it is picked up, and sets it down late; the change fades where nothing carries it.
     """
-    excess = (np.clip(off, -MAXIMUM_OFF_CARRIER, MAXIMUM_OFF_CARRIER) - off)[nearest_active(carried)]
-    return excess * smoothstep_around(carried, seconds_to_frames(SHARPER_SECONDS, fps))
+    excess = (np.clip(off, -MAXIMUM_OFF_CARRIER, MAXIMUM_OFF_CARRIER) - off)[filters.nearest_active(carried)]
+    return excess * filters.smoothstep_around(carried, filters.seconds_to_frames(SHARPER_SECONDS, fps))
 
 
 def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, fps: float) -> Float[np.ndarray, "T 3"]:
@@ -442,7 +422,7 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, f
     lowest = root_scale * (track.positions[:, 2] - drop)
     height = np.maximum(lowest, 0.0) + geometry_scale * drop
     path = np.column_stack([root_scale * track.positions[:, :2], height])
-    path_smooth = smooth(path, fps)
+    path_smooth = filters.smooth(path, fps)
     path_smooth[:, 2] = np.maximum(path_smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
     return path_smooth
 
@@ -455,7 +435,7 @@ def _lift_out(
     Its rotation is smoothed on its own: where it tips over an edge, the edge then dips into the floor by millimetres.
     """
     lowest = path[:, 2] + scale * track.geometry.lowest_along(se3.quat_to_matrix(quats)[:, 2])
-    return rate_limited_upper_envelope(np.maximum(-lowest, 0.0), fps)
+    return filters.rate_limited_upper_envelope(np.maximum(-lowest, 0.0), fps)
 
 
 def _limbs(human: Person, objects: Sequence[ObjectTrack], scale: float) -> Float[np.ndarray, "T O L 2 3"]:
@@ -477,8 +457,8 @@ def _contact_fields(
     flags, touched, points = _contacts(clip, parts, person, geometry_scale)
     carried_object, carried_points = _carried(flags, touched, points)
     ramp, rotation_ramp = (
-        seconds_to_frames(CONTACT_RAMP_SECONDS, clip.fps),
-        seconds_to_frames(ROTATION_RAMP_SECONDS, clip.fps),
+        filters.seconds_to_frames(CONTACT_RAMP_SECONDS, clip.fps),
+        filters.seconds_to_frames(ROTATION_RAMP_SECONDS, clip.fps),
     )
     return {
         "contact_links": tuple(parts.values()),
@@ -488,9 +468,9 @@ def _contact_fields(
         "carried_contact_object": frozen(carried_object, int),
         "carried_contact_points": frozen(carried_points),
         "part_points": frozen(_part_points(clip, parts, person, geometry_scale, carried_object)),
-        "contact_weights": frozen(np.stack([smoothstep_around(active, ramp) for active in flags.T], axis=1)),
+        "contact_weights": frozen(np.stack([filters.smoothstep_around(active, ramp) for active in flags.T], axis=1)),
         "contact_rotation_weights": frozen(
-            np.stack([smoothstep_around(active, rotation_ramp) for active in flags.T], axis=1)
+            np.stack([filters.smoothstep_around(active, rotation_ramp) for active in flags.T], axis=1)
         ),
     }
 
@@ -540,7 +520,7 @@ def _carried(flags: np.ndarray, touched: np.ndarray, points: np.ndarray) -> tupl
     carried_object, carried_points = np.zeros_like(touched), np.zeros_like(points)
     for link, active in enumerate(flags.T):
         if active.any():
-            nearest = nearest_active(active)
+            nearest = filters.nearest_active(active)
             carried_object[:, link], carried_points[:, link] = touched[nearest, link], points[nearest, link]
     return carried_object, carried_points
 

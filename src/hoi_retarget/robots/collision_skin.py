@@ -13,18 +13,9 @@ from jaxtyping import Float
 
 from hoi_retarget.kernels.shape import DistanceGrid
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots import outer_skin
 from hoi_retarget.robots.mjcf import compile_mjcf, mesh_of
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.outer_skin import (
-    HAND,
-    OuterSkin,
-    SkinResolution,
-    farthest_points,
-    grid_around,
-    grid_nodes,
-    outer_solid,
-    resolution_of,
-)
 from hoi_retarget.robots.spec import SIDES
 
 Distances = Callable[[np.ndarray], np.ndarray]
@@ -38,7 +29,9 @@ _PROJECTIONS = 3
 _DIFFERENCE = 1e-5  # [m]
 
 
-def collision_skins(model: RobotModel, progress: Callable[[float], None] | None = None) -> dict[str, OuterSkin]:
+def collision_skins(
+    model: RobotModel, progress: Callable[[float], None] | None = None
+) -> dict[str, outer_skin.OuterSkin]:
     """Return the skin of every link with a colliding geometry; bodies without a joint are part of a link.
 
     `progress` is called with the share that is done.
@@ -50,18 +43,18 @@ def collision_skins(model: RobotModel, progress: Callable[[float], None] | None 
     for geom in np.flatnonzero((compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)).tolist():
         link = int(compiled.body_weldid[compiled.geom_bodyid[geom]])
         colliding.setdefault(compiled.body(link).name, []).append(geom)
-    skins: dict[str, OuterSkin] = {}
+    skins: dict[str, outer_skin.OuterSkin] = {}
     palms = {model.body_of(f"{side}_palm") for side in SIDES}
     for number, (body, geoms) in enumerate(colliding.items()):
         if progress is not None:
             progress(number / len(colliding))
         if body in model.body_frames.index:
-            resolution = resolution_of(model, body)
-            kind = "palm" if body in palms else "forearm" if resolution == HAND else "other"
+            resolution = outer_skin.resolution_of(model, body)
+            kind = "palm" if body in palms else "forearm" if resolution == outer_skin.HAND else "other"
             balls = _COARSER_BALLS[kind]
             size = np.ptp(np.concatenate([_box_of(compiled, geom) for geom in geoms]), axis=0)
             much = max(1.0, float(size.prod() / _MAX_NODES) ** (1.0 / 3.0) / resolution.grid)
-            resolution = SkinResolution(
+            resolution = outer_skin.SkinResolution(
                 *(much * balls * length for length in (resolution.nodes, resolution.ball)),
                 *(much * length for length in (resolution.spacing, resolution.grid)),
             )
@@ -77,7 +70,7 @@ def _box_of(compiled: mujoco.MjModel, geom: int) -> np.ndarray:
     return (centre + signs * half) @ turn.T + place
 
 
-def _shapes(compiled: mujoco.MjModel, geoms: list[int], resolution: SkinResolution) -> list[Shape]:
+def _shapes(compiled: mujoco.MjModel, geoms: list[int], resolution: outer_skin.SkinResolution) -> list[Shape]:
     """Return the solids of a link's geometries; its meshes are one solid: a single one may not be closed."""
     kinds = {geom: mujoco.mjtGeom(compiled.geom_type[geom]) for geom in geoms}
     meshes = [geom for geom, kind in kinds.items() if kind == mujoco.mjtGeom.mjGEOM_MESH]
@@ -85,7 +78,7 @@ def _shapes(compiled: mujoco.MjModel, geoms: list[int], resolution: SkinResoluti
     return shapes + [_primitive_shape(compiled, geom, kind) for geom, kind in kinds.items() if kind in _DISTANCES]
 
 
-def _skin(shapes: list[Shape], resolution: SkinResolution) -> OuterSkin:
+def _skin(shapes: list[Shape], resolution: outer_skin.SkinResolution) -> outer_skin.OuterSkin:
     """Return the skin of solids that overlap, each with its distances and the corners of its box."""
 
     def distances(points: np.ndarray) -> np.ndarray:
@@ -99,18 +92,18 @@ def _skin(shapes: list[Shape], resolution: SkinResolution) -> OuterSkin:
     points = points[np.abs(distances(points)) < 1e-2 * near]
     _, first = np.unique(np.floor(points / near).astype(np.int64), axis=0, return_index=True)
     points = points[first]
-    points = points[farthest_points(points, resolution.spacing)]
-    origin, shape = grid_around(corners, resolution.grid, 2 * resolution.grid)
-    values = distances(grid_nodes(origin, resolution.grid, shape)).reshape(shape).astype(np.float32)
-    return OuterSkin(points, _gradients(distances, points), DistanceGrid(origin, resolution.grid, values))
+    points = points[outer_skin.farthest_points(points, resolution.spacing)]
+    origin, shape = outer_skin.grid_around(corners, resolution.grid, 2 * resolution.grid)
+    values = distances(outer_skin.grid_nodes(origin, resolution.grid, shape)).reshape(shape).astype(np.float32)
+    return outer_skin.OuterSkin(points, _gradients(distances, points), DistanceGrid(origin, resolution.grid, values))
 
 
 def _nodes_near(distances: Distances, corners: np.ndarray, step: float) -> Float[np.ndarray, "K 3"]:
     """Return the nodes of a grid that are at most a step from the surface, found from a coarser grid."""
-    origin, shape = grid_around(corners, _COARSER * step, _COARSER * step)
-    nodes = grid_nodes(origin, _COARSER * step, shape)
+    origin, shape = outer_skin.grid_around(corners, _COARSER * step, _COARSER * step)
+    nodes = outer_skin.grid_nodes(origin, _COARSER * step, shape)
     nodes = nodes[np.abs(distances(nodes)) <= (0.5 * np.sqrt(3.0) * _COARSER + 1.0) * step]
-    around = step * (grid_nodes(np.zeros(3), 1.0, (_COARSER, _COARSER, _COARSER)) - 0.5 * (_COARSER - 1))
+    around = step * (outer_skin.grid_nodes(np.zeros(3), 1.0, (_COARSER, _COARSER, _COARSER)) - 0.5 * (_COARSER - 1))
     nodes = (nodes[:, None] + around).reshape(-1, 3)
     return nodes[np.abs(distances(nodes)) <= step]
 
@@ -121,7 +114,7 @@ def _gradients(distances: Distances, points: Float[np.ndarray, "K 3"]) -> Float[
     return gradients / np.maximum(np.linalg.norm(gradients, axis=1, keepdims=True), 1e-12)
 
 
-def _mesh_shape(compiled: mujoco.MjModel, geoms: list[int], resolution: SkinResolution) -> Shape:
+def _mesh_shape(compiled: mujoco.MjModel, geoms: list[int], resolution: outer_skin.SkinResolution) -> Shape:
     """Return the solid of meshes, computed in the frame of the first."""
     turn, place = _pose(compiled, geoms[0])
     vertices, faces, count = [], [], 0
@@ -134,7 +127,7 @@ def _mesh_shape(compiled: mujoco.MjModel, geoms: list[int], resolution: SkinReso
         faces.append(own_faces + count)
         count += len(own)
     corners = np.concatenate(vertices)
-    distances = outer_solid(corners, np.concatenate(faces), resolution).distances
+    distances = outer_skin.outer_solid(corners, np.concatenate(faces), resolution).distances
     return _placed(distances, corners.min(axis=0), corners.max(axis=0), turn, place)
 
 

@@ -87,12 +87,8 @@ def outer_skin(
 ) -> OuterSkin:
     """Return the outer skin of triangles, which need not be closed, manifold or wound alike.
 
-    Args:
-        vertices: [m]
-        faces: Triangles.
-        resolution: The resolution.
-        outside: The outside, where it is known from more than these triangles.
-        seed: Of the places that are tried on the triangles.
+    Args: `vertices`: [m]; `faces`: triangles; `resolution`: the resolution; `outside`: the outside, where it is known
+    from more than these triangles; `seed`: of the places that are tried on the triangles.
     """
     outside = outside or outside_of(vertices, faces, resolution)
     candidates, normals, centre = _touched(vertices, faces, outside, 0.2 * resolution.spacing, seed)

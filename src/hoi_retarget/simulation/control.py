@@ -83,12 +83,8 @@ def simulated_costs(
 ) -> Float[np.ndarray, "N"]:
     """Return the mean cost, without a unit, of N simulations from one state on; infinite where MuJoCo cannot continue.
 
-    Args:
-        problem: The reference and its feedback.
-        data: The state.
-        tick: Of the reference, at the state.
-        knots: Changes (`TrackingProblem.targets_at`), the first at this tick.
-        length: Of the simulations, in ticks.
+    Args: `problem`: the reference and its feedback; `data`: the state; `tick`: of the reference, at the state; `knots`:
+    changes (`TrackingProblem.targets_at`), the first at this tick; `length`: of the simulations, in ticks.
     """
     simulated, scratch = problem.simulated, mujoco.MjData(problem.simulated)
     count, nq, nv = len(knots), simulated.nq, simulated.nv

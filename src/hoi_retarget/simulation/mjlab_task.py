@@ -15,17 +15,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.dynamics.physics_scene import (
-    SOLES,
-    PhysicsScene,
-    check_no_meshes,
-    compiled,
-    exact_xml,
-    floor_contacts,
-    object_description,
-    robot_description,
-    to_bytes,
-)
+from hoi_retarget.dynamics import physics_scene
 from hoi_retarget.errors import ClipError
 from hoi_retarget.evaluation.thresholds import fatal_fault
 from hoi_retarget.files import npz
@@ -73,7 +63,7 @@ def check_usable(motion: Motion) -> None:
         )
 
 
-def task_of(result: Result, scene: PhysicsScene) -> TrainingTask:
+def task_of(result: Result, scene: physics_scene.PhysicsScene) -> TrainingTask:
     """Return a result as a task, with the masses, frictions and drives of its scene; its last stage is the reference.
 
     Raises `ClipError`: it is no reference to train on, or has a single frame; `RobotError`: MuJoCo cannot compile the
@@ -84,23 +74,23 @@ def task_of(result: Result, scene: PhysicsScene) -> TrainingTask:
     resampled = resample(result.motion, result.model, RATE)
     states = _states(resampled, scene)
     folder = Path(PACKAGE) / TASKS / name
-    robot = robot_description(scene)
-    check_no_meshes(scene, robot)
+    robot = physics_scene.robot_description(scene)
+    physics_scene.check_no_meshes(scene, robot)
     _place(robot, resampled.qpos[0])
-    root = exact_xml(scene, robot)
+    root = physics_scene.exact_xml(scene, robot)
     for actuators in root.findall("actuator"):  # mjlab makes the drives of the task's numbers.
         root.remove(actuators)
-    files = {folder / "robot.xml": to_bytes(root)}
+    files = {folder / "robot.xml": physics_scene.to_bytes(root)}
     for number in [index for index, item in enumerate(scene.objects) if item.parent < 0]:
-        description = object_description(scene, number)
+        description = physics_scene.object_description(scene, number)
         _place(description, _first_pose(resampled, number))
         # An object that is fixed in the world stands in each of mjlab's environments, which moves such bodies alone.
         description.worldbody.first_body().mocap = scene.objects[number].path is not None
-        files[folder / f"object_{number}.xml"] = to_bytes(exact_xml(scene, description))
+        files[folder / f"object_{number}.xml"] = physics_scene.to_bytes(physics_scene.exact_xml(scene, description))
     files[folder / "motion.npz"] = npz.encode(_arrays(resampled, states, scene))
     facts = _description(result, scene, resampled, states, f"Hoi-{name}")
     geoms = [geom.name for body in facts["contact_bodies"] for geom in robot.body(body).geoms if geom.contype]
-    facts["touching"] = [name for name in geoms if name not in SOLES]
+    facts["touching"] = [name for name in geoms if name not in physics_scene.SOLES]
     files[folder / "task.json"] = to_json(facts)
     return TrainingTask(f"Hoi-{name}", files, resampled.frames)
 
@@ -136,8 +126,8 @@ class _States:
     contacts: int  # Most contacts of a frame, and of the pose in which mjlab makes its environments.
 
 
-def _states(resampled: ResampledMotion, scene: PhysicsScene) -> _States:
-    simulated = compiled(scene)
+def _states(resampled: ResampledMotion, scene: physics_scene.PhysicsScene) -> _States:
+    simulated = physics_scene.compiled(scene)
     data, twist = mujoco.MjData(simulated), np.empty(6)
     count = len(scene.model.body_frames.names)
     qpos, qvel = _coordinates(resampled, scene)
@@ -159,7 +149,7 @@ def _states(resampled: ResampledMotion, scene: PhysicsScene) -> _States:
     return _States(names, pos, se3.quat_continuous(quat), lin_vel, ang_vel, contacts)
 
 
-def _coordinates(resampled: ResampledMotion, scene: PhysicsScene) -> tuple[np.ndarray, np.ndarray]:
+def _coordinates(resampled: ResampledMotion, scene: physics_scene.PhysicsScene) -> tuple[np.ndarray, np.ndarray]:
     """Return a scene's configurations and velocities: MuJoCo has a free body's spin in the body's own axes."""
     spins = se3.rotate(se3.quat_conjugate(resampled.object_quat), resampled.object_ang_vel)
     speeds = np.concatenate([resampled.object_lin_vel, spins], axis=2)
@@ -176,7 +166,7 @@ def _slopes(states: Float[np.ndarray, "T 1"]) -> Float[np.ndarray, "T 1"]:
     return np.gradient(states, 1.0 / RATE, axis=0)
 
 
-def _joint_states(resampled: ResampledMotion, scene: PhysicsScene) -> Float[np.ndarray, "2 T O"]:
+def _joint_states(resampled: ResampledMotion, scene: physics_scene.PhysicsScene) -> Float[np.ndarray, "2 T O"]:
     """Return states and velocities of the joints of objects; zero where there is none."""
     found = np.zeros((2, resampled.frames, len(scene.objects)))
     for index, own in scene.object_qpos(resampled.object_pos, resampled.object_quat).items():
@@ -185,7 +175,7 @@ def _joint_states(resampled: ResampledMotion, scene: PhysicsScene) -> Float[np.n
     return found
 
 
-def _arrays(resampled: ResampledMotion, states: _States, scene: PhysicsScene) -> dict[str, np.ndarray]:
+def _arrays(resampled: ResampledMotion, states: _States, scene: physics_scene.PhysicsScene) -> dict[str, np.ndarray]:
     """Return the arrays of mjlab's tracking task, and behind them objects and contacts."""
     contacts = contact_arrays(resampled, {})
     names = ("contact_links", "contact_bodies", "contact_body_points", "contact_flags", "contact_object")
@@ -211,7 +201,7 @@ def _arrays(resampled: ResampledMotion, states: _States, scene: PhysicsScene) ->
 
 
 def _description(
-    result: Result, scene: PhysicsScene, resampled: ResampledMotion, states: _States, task_id: str
+    result: Result, scene: physics_scene.PhysicsScene, resampled: ResampledMotion, states: _States, task_id: str
 ) -> dict[str, Any]:
     model, motion, physics = scene.model, result.motion, scene.physics
     most = max(_MIN_CONTACTS, 2 * states.contacts)  # A fall makes more of them than the motion has.
@@ -240,8 +230,8 @@ def _description(
             }
             for index, item in enumerate(scene.objects)
         ],
-        "floor": floor_contacts(physics),
-        "soles": sorted(SOLES),
+        "floor": physics_scene.floor_contacts(physics),
+        "soles": sorted(physics_scene.SOLES),
         "hand_friction": physics.hand_friction,
         "floor_friction": physics.floor_friction,
         "object_friction": physics.object_friction,
@@ -253,13 +243,13 @@ def _description(
     }
 
 
-def _root(scene: PhysicsScene, index: int) -> int:
+def _root(scene: physics_scene.PhysicsScene, index: int) -> int:
     """Return the index of the object of which an object is a part, or a part's part; its own where it is none."""
     parent = scene.objects[index].parent
     return index if parent < 0 else _root(scene, parent)
 
 
-def _joint(scene: PhysicsScene, index: int) -> dict[str, Any]:
+def _joint(scene: physics_scene.PhysicsScene, index: int) -> dict[str, Any]:
     drives = scene.actuators
     stiffness, torque = float(drives.stiffness[index]), float(drives.torque[index])
     return {

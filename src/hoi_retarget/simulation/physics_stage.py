@@ -58,17 +58,12 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
 ) -> SimulatedMotion:
     """Return a result with one more stage, in which a simulated robot performs it, and the file for controllers.
 
-    Args:
-        motion: The result; its last stage is the reference.
-        clip: Its clip, for the objects' shapes; None for a motion without objects.
-        physics: Masses and frictions.
-        settings: Samples and iterations of the search.
-        seed: Of the random numbers; of a second attempt's, one more.
-        on_progress: Is called after every plan, with the reference.
-
-    Raises `ArgumentError`: it is refined already; `ClipError`: it has one frame or parts on joints, or somebody else
-    handles its objects too; `RobotError`: a base carries the robot, or a joint's torque has no limit; `GeometryError`:
-    an object's mesh cannot be read.
+    Args: `motion`: the result; its last stage is the reference; `clip`: its clip, for the objects' shapes; None for a
+    motion without objects; `physics`: masses and frictions; `settings`: samples and iterations of the search; `seed`:
+    of the random numbers; of a second attempt's, one more; `on_progress`: is called after every plan, with the
+    reference. Raises `ArgumentError`: it is refined already; `ClipError`: it has one frame or parts on joints, or
+    somebody else handles its objects too; `RobotError`: a base carries the robot, or a joint's torque has no limit;
+    `GeometryError`: an object's mesh cannot be read.
     """
     _check(motion, clip)
     start = time.process_time()

@@ -110,12 +110,9 @@ def refine(
     The same arguments give the same bytes, with one version of MuJoCo on one kind of processor.
     Raises `RobotError` where MuJoCo cannot compile the robot with the objects.
 
-    Args:
-        scene: Robot, objects, and floor.
-        reference: The reference; the simulation begins with its first state.
-        settings: Samples and iterations of the search.
-        seed: Of the random numbers.
-        on_progress: Is called after every plan.
+    Args: `scene`: robot, objects, and floor; `reference`: the reference; the simulation begins with its first state;
+    `settings`: samples and iterations of the search; `seed`: of the random numbers; `on_progress`: is called after
+    every plan.
     """
     return _Refinement(scene, reference, settings, seed).run(on_progress)
 

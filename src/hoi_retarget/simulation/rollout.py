@@ -130,12 +130,9 @@ def track(
 ) -> Rollout:
     """Return the simulation of drives that follow targets, from the reference's first state on.
 
-    Args:
-        simulated: The compiled scene.
-        reference: The reference.
-        targets: Of the drives [rad].
-        gains: From deviations of the state (2 nv numbers: configuration, then velocity) to changes of the targets.
-        push: A tick, and the change of the base's velocity in it [m/s].
+    Args: `simulated`: the compiled scene; `reference`: the reference; `targets`: of the drives [rad]; `gains`: from
+    deviations of the state (2 nv numbers: configuration, then velocity) to changes of the targets; `push`: a tick, and
+    the change of the base's velocity in it [m/s].
     """
     data = mujoco.MjData(simulated)
     data.qpos[:], data.qvel[:] = reference.qpos[0], reference.qvel[0]
@@ -189,12 +186,8 @@ def deviations(
 ) -> Float[np.ndarray, "N x"]:
     """Return the deviations of states from the reference: 2 nv numbers [m, rad, per s], configuration and velocity.
 
-    Args:
-        reference: The reference.
-        joints: Number of the robot's joints.
-        tick: The tick of the reference.
-        qpos: Configurations of the states.
-        qvel: Their velocities.
+    Args: `reference`: the reference; `joints`: number of the robot's joints; `tick`: the tick of the reference; `qpos`:
+    configurations of the states; `qvel`: their velocities.
     """
     expected = reference.qpos[tick]
     free = [0, *range(7 + joints, len(expected), 7)]

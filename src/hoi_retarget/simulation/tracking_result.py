@@ -64,12 +64,9 @@ def why_it_ended(
 ) -> str:
     """Return possible causes of a fall, or of a loss, in words: lost objects, torques at limits, missing forces.
 
-    Args:
-        scene: Robot and objects.
-        reference: The reference.
-        rollout: The simulated motion, up to the fall, or soon after the loss.
-        fps: Frames a second of the motion, for the frames in words.
-        found: Shortcomings of the motion by inverse dynamics.
+    Args: `scene`: robot and objects; `reference`: the reference; `rollout`: the simulated motion, up to the fall, or
+    soon after the loss; `fps`: frames a second of the motion, for the frames in words; `found`: shortcomings of the
+    motion by inverse dynamics.
     """
     reasons = [*_lost(scene, reference, rollout, fps), *_at_limits(scene, rollout)]
     fall = len(rollout.qpos) * TICK * fps
@@ -84,13 +81,9 @@ def controller_file(  # noqa: PLR0913  # each is a part of the file
 ) -> bytes:
     """Return a simulated motion for a controller, as the content of an .npz file at 50 ticks a second.
 
-    Args:
-        motion: The motion before its refinement.
-        scene: Robot and objects.
-        refined: The refined motion.
-        performance: Its duration and its certificate.
-        settings: Samples and iterations of the search.
-        seed: Of the random numbers.
+    Args: `motion`: the motion before its refinement; `scene`: robot and objects; `refined`: the refined motion;
+    `performance`: its duration and its certificate; `settings`: samples and iterations of the search; `seed`: of the
+    random numbers.
     """
     rollout, drives, simulated = refined.rollout, scene.actuators, compiled(scene)
     facts: dict[str, Any] = {

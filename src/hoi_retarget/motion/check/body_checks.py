@@ -14,19 +14,8 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float
 
+from hoi_retarget.motion.check import interpretation
 from hoi_retarget.motion.check.finding import BODIES, ROOT, Change, Check, FormatFinding, contradiction
-from hoi_retarget.motion.check.interpretation import (
-    IN_BREADTH_FIRST,
-    IN_DEPTH_FIRST,
-    Deviation,
-    Interpretation,
-    changes,
-    isaac_lab_columns,
-    joint_deviations,
-    mirrored,
-    reordered,
-    rotation_deviations,
-)
 from hoi_retarget.motion.check.layout import NO_ROTATION, NORMALIZE, UNIT_TOLERANCE, Layout, off_unit
 from hoi_retarget.motion.formats import Bodies, MotionFile, isaac_lab
 from hoi_retarget.motion.links import breadth_first
@@ -61,7 +50,7 @@ class BodyReading:
 
     order: str  # In words that follow 'are'; empty as claimed.
     places: Places
-    reading: Interpretation
+    reading: interpretation.Interpretation
 
 
 def claimed_places(model: RobotModel, names: tuple[str, ...] | None, count: int) -> Places:
@@ -71,7 +60,9 @@ def claimed_places(model: RobotModel, names: tuple[str, ...] | None, count: int)
     return {name: index for index, name in enumerate(model.body_names)} if count == len(model.body_names) else {}
 
 
-def _body_readings(model: RobotModel, places: Places, claim: Interpretation, pos: np.ndarray) -> Iterator[BodyReading]:
+def _body_readings(
+    model: RobotModel, places: Places, claim: interpretation.Interpretation, pos: np.ndarray
+) -> Iterator[BodyReading]:
     """Yield the claimed reading first, then every other one: orders of bodies times orders of components.
 
     Each has the unit of length that the distances of neighbours have in its order.
@@ -94,7 +85,7 @@ def _other_orders(model: RobotModel, places: Places) -> Iterator[tuple[str, Plac
     columns = sorted(places.values())
     present = [name for name in model.body_names if name in places]
     breadth = [model.body_names[index] for index in breadth_first(model)[0] if model.body_names[index] in places]
-    sides = mirrored(model.body_names)
+    sides = interpretation.mirrored(model.body_names)
     swapped = {model.body_names[index]: model.body_names[other] for index, other in enumerate(sides)}
     candidates = [
         ("in Isaac Lab's breadth-first order", dict(zip(breadth, columns, strict=True))),
@@ -213,12 +204,12 @@ class AnglesOfBodies:
         """Whether each joint has both a column and an implied angle."""
         return np.isfinite(self.implied).all(axis=0) & self.has_column
 
-    def errors(self, reading: Interpretation) -> Float[np.ndarray, "k"]:
+    def errors(self, reading: interpretation.Interpretation) -> Float[np.ndarray, "k"]:
         """Return the distances of the columns from the angles, of the comparable joints [rad]."""
         both = self.comparable
         return angles_apart(self.implied[:, both] - reading.angles(self.joint_pos)[:, both])
 
-    def in_best_order(self, claim: Interpretation) -> Interpretation:
+    def in_best_order(self, claim: interpretation.Interpretation) -> interpretation.Interpretation:
         """Return a claim with the order of its columns that fits best.
 
         Columns of joints between bodies that are missing follow from the places of the bodies behind them, up to four.
@@ -236,7 +227,7 @@ class AnglesOfBodies:
             readings.append(replace(claim, columns=tuple(columns.tolist())))
         return min(readings, key=self._body_error) if len(readings) > 1 else readings[0]
 
-    def _body_error(self, reading: Interpretation) -> float:
+    def _body_error(self, reading: interpretation.Interpretation) -> float:
         """Return the mean distance of bodies from where the joint angles put them [m]."""
         frames = evenly_spaced(len(self.joint_pos), _MAX_COLUMN_FRAMES)
         pos, quat = self.bodies.pos[frames], self.bodies.quat[frames]
@@ -267,14 +258,14 @@ class FoundBodies:
     """The reading of bodies and joints by their numbers."""
 
     there: BodyReading
-    reading: Interpretation  # Of the joints, and of the bodies' poses as the root's.
+    reading: interpretation.Interpretation  # Of the joints, and of the bodies' poses as the root's.
     pos: Float[np.ndarray, "T 3"]
     quat: Float[np.ndarray, "T 4"]  # The root body's, as in the file.
     format: str
 
 
 def read_bodies(
-    file: MotionFile, bodies: Bodies, model: RobotModel, layout: Layout, claim: Interpretation
+    file: MotionFile, bodies: Bodies, model: RobotModel, layout: Layout, claim: interpretation.Interpretation
 ) -> Check[FoundBodies | None]:
     """Return the reading of bodies and joints; None where the bodies leave it open."""
     places = claimed_places(model, file.body_names, bodies.pos.shape[1])
@@ -340,10 +331,10 @@ def _contradictions(found: BodyReading, claim: BodyReading, numbers: str, count:
         "quaternion inverse": found.reading.inverted != claim.reading.inverted,
     }
     demand = "read as the format demands"
-    for item in rotation_deviations(claim.reading):
+    for item in interpretation.rotation_deviations(claim.reading):
         if changed[item.subject]:
             what = f"the bodies' quaternions are {item.is_}: {numbers}"
-            fix = changes(claim.reading.of_poses, item.reading.of_poses, BODIES, 0)
+            fix = interpretation.changes(claim.reading.of_poses, item.reading.of_poses, BODIES, 0)
             yield contradiction(item.subject, demand, what, item.advice, fix=fix)
     if found.order != claim.order and found.order:
         what = f"the bodies are {found.order}: {numbers}"
@@ -352,7 +343,7 @@ def _contradictions(found: BodyReading, claim: BodyReading, numbers: str, count:
         yield contradiction("body order", demand, what, "Reorder the bodies.", fix=fix)
 
 
-def _joints(file: MotionFile, joints: AnglesOfBodies) -> Check[tuple[Interpretation, str]]:
+def _joints(file: MotionFile, joints: AnglesOfBodies) -> Check[tuple[interpretation.Interpretation, str]]:
     """Return the reading of the joints by the implied angles, and the name of the format."""
     yield from _held(joints)
     there, words = joints.there, "as the bodies' poses imply"
@@ -360,7 +351,7 @@ def _joints(file: MotionFile, joints: AnglesOfBodies) -> Check[tuple[Interpretat
     if file.convention.order is None:
         name = BREADTH_FIRST if order == "breadth" else DEPTH_FIRST
         if order == "breadth":
-            claimed = replace(claimed, columns=isaac_lab_columns(joints.model))
+            claimed = replace(claimed, columns=interpretation.isaac_lab_columns(joints.model))
     errors = joints.errors(claimed)
     if errors.max(initial=0.0) < _ANGLE_TOLERANCE:
         yield FormatFinding("ok", "joints", words, f"within {np.degrees(errors.max(initial=0.0)):.2g} deg")
@@ -375,11 +366,14 @@ def _joints(file: MotionFile, joints: AnglesOfBodies) -> Check[tuple[Interpretat
         f"{np.degrees(base):.2g} deg as claimed"
     )
     subject, advice = deviation.subject, deviation.advice
-    if file.convention.order is None and deviation.is_ in (IN_BREADTH_FIRST, IN_DEPTH_FIRST):
+    if file.convention.order is None and deviation.is_ in (
+        interpretation.IN_BREADTH_FIRST,
+        interpretation.IN_DEPTH_FIRST,
+    ):
         words, subject = "joints and bodies in one order", "joint and body order"
         numbers = f"the bodies are in {order}-first order; {numbers}"
         advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
-    fix = changes(claimed, deviation.reading, ROOT, file.joint_pos.shape[1])
+    fix = interpretation.changes(claimed, deviation.reading, ROOT, file.joint_pos.shape[1])
     yield contradiction(subject, words, numbers, advice, fix=fix)
     return deviation.reading, name
 
@@ -395,19 +389,25 @@ def _held(joints: AnglesOfBodies) -> Iterator[FormatFinding]:
         yield contradiction("joint count", "joints that the file lacks are at 0 rad", numbers, advice)
 
 
-def _joint_readings(joints: AnglesOfBodies, claimed: Interpretation) -> Iterator[Deviation]:
+def _joint_readings(
+    joints: AnglesOfBodies, claimed: interpretation.Interpretation
+) -> Iterator[interpretation.Deviation]:
     """Yield the known mistakes, then the order that fits best."""
-    yield from joint_deviations(claimed, joints.model, joints.joint_pos)
+    yield from interpretation.joint_deviations(claimed, joints.model, joints.joint_pos)
     columns = joints.in_best_order(claimed).columns
     elsewhere = [
         f"{name} in column {found}"
         for name, place, found in zip(joints.model.joint_names, claimed.columns, columns, strict=True)
         if found != place
     ]
-    yield reordered(claimed, "joint order", f"in another order ({', '.join(elsewhere)})", np.array(columns))
+    yield interpretation.reordered(
+        claimed, "joint order", f"in another order ({', '.join(elsewhere)})", np.array(columns)
+    )
 
 
-def _single_joints(joints: AnglesOfBodies, claimed: Interpretation) -> Check[Interpretation]:
+def _single_joints(
+    joints: AnglesOfBodies, claimed: interpretation.Interpretation
+) -> Check[interpretation.Interpretation]:
     """Return the reading with the signs and zeros of single joints corrected."""
     names, width, words = joints.model.joint_names, joints.joint_pos.shape[1], "as the bodies' poses imply"
     angles, implied = claimed.angles(joints.joint_pos), np.where(joints.has_column, joints.implied, np.nan)
@@ -419,12 +419,12 @@ def _single_joints(joints: AnglesOfBodies, claimed: Interpretation) -> Check[Int
     reading = replace(claimed, signs=tuple((np.where(negated, -1.0, 1.0) * np.array(claimed.signs)).tolist()))
     if negated.any():
         which = ", ".join(np.array(names)[negated])
-        fix = changes(claimed, reading, ROOT, width)
+        fix = interpretation.changes(claimed, reading, ROOT, width)
         yield contradiction("joint sign", words, f"negated for {which}", f"Negate {which}.", fix=fix)
     if moved.any():
         which = ", ".join(f"{offsets[i]:+.3f} rad to {names[i]}" for i in np.flatnonzero(moved))
         moved_by = replace(reading, offsets=tuple(np.where(moved, offsets, 0.0).tolist()))
-        fix, reading = changes(reading, moved_by, ROOT, width), moved_by
+        fix, reading = interpretation.changes(reading, moved_by, ROOT, width), moved_by
         yield contradiction("joint zero", words, f"off by {which}", f"Add {which}.", fix=fix)
     rest = np.flatnonzero(off & ~negated & ~moved)
     if len(rest):
@@ -434,7 +434,7 @@ def _single_joints(joints: AnglesOfBodies, claimed: Interpretation) -> Check[Int
     return reading
 
 
-def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray, claim: Interpretation) -> FormatFinding:
+def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray, claim: interpretation.Interpretation) -> FormatFinding:
     """Compare the root's own columns with the pose of the root's body."""
     base = replace(found.reading, quat_order=claim.quat_order, inverted=claim.inverted)
     body_pos, body_quat = found.reading.position(found.pos), found.reading.rotation(found.quat)
@@ -444,10 +444,10 @@ def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray, claim: Interpre
     numbers = f"{1000 * moved:.2g} mm and {np.degrees(turned):.2g} deg apart"
     if moved < _ROOT_TOLERANCE_M and turned < _ROOT_TOLERANCE_RAD:
         return FormatFinding("ok", "root", same, numbers)
-    for deviation in rotation_deviations(base):
+    for deviation in interpretation.rotation_deviations(base):
         if float(np.median(se3.angle_between(deviation.reading.rotation(quat), body_quat))) < 0.2 * turned:
             numbers = f"the root's quaternions are {deviation.is_}: {np.degrees(turned):.2g} deg apart as claimed"
-            fix = changes(base.of_poses, deviation.reading.of_poses, ROOT, 0)
+            fix = interpretation.changes(base.of_poses, deviation.reading.of_poses, ROOT, 0)
             return contradiction(deviation.subject, same, numbers, deviation.advice, fix=fix)
     advice = "Write the root and the bodies from one configuration."
     return contradiction("root", same, numbers, advice)

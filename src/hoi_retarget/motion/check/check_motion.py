@@ -9,19 +9,12 @@ from jaxtyping import Float
 
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.skeleton import HANDS
+from hoi_retarget.motion.check import object_checks
 from hoi_retarget.motion.check.body_checks import FoundBodies, read_bodies
 from hoi_retarget.motion.check.continuity import check_continuity
 from hoi_retarget.motion.check.finding import FormatFinding, changed, collected, with_causes
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.layout import NO_ROTATION, UNIT_TOLERANCE, Layout, lay_out, off_unit
-from hoi_retarget.motion.check.object_checks import (
-    CheckContext,
-    ObjectPath,
-    check_contacts,
-    check_loose_links,
-    check_object,
-    objects_among_bodies,
-)
 from hoi_retarget.motion.check.plausibility import check_floor, check_ranges
 from hoi_retarget.motion.check.rates import check_velocities
 from hoi_retarget.motion.check.search import CandidatePoses, find_reading, read_open, undecided
@@ -46,7 +39,7 @@ class CheckedMotion:
     """Of the file's quaternions as claimed; by the numbers where the format leaves it open."""
     findings: tuple[FormatFinding, ...]
     readable_qpos: Float[np.ndarray, "T nq"] | None  # As `qpos`; None where the numbers leave the poses open.
-    objects: tuple[ObjectPath, ...]
+    objects: tuple[object_checks.ObjectPath, ...]
     missing_joints: tuple[str, ...]  # Joints of the robot that the file does not have; zero in `qpos`.
 
     @property
@@ -102,18 +95,21 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
             findings += undecided(poses, reading) if found is None else ()
             qpos = reading.qpos(pos, quat, layout.joint_pos)
     implied = collected(check_velocities(file, reading, _moving(file, layout, found)), findings)
-    objects: tuple[ObjectPath, ...] = ()
+    objects: tuple[object_checks.ObjectPath, ...] = ()
     if qpos is not None:
-        context = CheckContext(model, qpos, reading, file.convention, implied or fps, _hands_touch(file))
+        context = object_checks.CheckContext(model, qpos, reading, file.convention, implied or fps, _hands_touch(file))
         of_objects: list[FormatFinding] = []
         stored = replace(claim.of_poses, y_up=reading.y_up)
         items = [(item, stored) for item in file.objects]
-        items = items or [(item, reading.of_poses) for item in objects_among_bodies(file, found)]
-        paths = [collected(check_object(item, read_as, context), of_objects) for item, read_as in items]
+        items = items or [(item, reading.of_poses) for item in object_checks.objects_among_bodies(file, found)]
+        paths = [collected(object_checks.check_object(item, read_as, context), of_objects) for item, read_as in items]
         objects = tuple(path for path in paths if path is not None)
         findings += [*check_floor(context, objects), *check_ranges(context)]
         findings += [*check_continuity(context, objects, _body_paths(file, layout, found)), *of_objects]
-        findings += [*check_contacts(file, objects, context), *check_loose_links(file, found, objects)]
+        findings += [
+            *object_checks.check_contacts(file, objects, context),
+            *object_checks.check_loose_links(file, found, objects),
+        ]
     return CheckedMotion(
         path=file.path,
         robot=model.spec.name,

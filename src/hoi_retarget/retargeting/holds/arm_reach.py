@@ -34,12 +34,8 @@ def reach(
 ) -> Reach:
     """Return how near the arm of a palm comes to poses on an object in some frames.
 
-    Args:
-        start: Of the robot, in all frames.
-        site: The palm.
-        moving_object: The object.
-        frames: Frames that count.
-        poses: Of the palm on the object.
+    Args: `start`: of the robot, in all frames; `site`: the palm; `moving_object`: the object; `frames`: frames that
+    count; `poses`: of the palm on the object.
     """
     model, count = start.model, len(poses.positions)
     columns, first = _hinges(model, site)

@@ -52,12 +52,8 @@ def with_grasps(
     The same one where the robot has no fingers, or the person's were recorded. Raises `GeometryError` when an object's
     mesh cannot be read.
 
-    Args:
-        model: The robot.
-        targets: Of the same frames.
-        person: The person.
-        holds: Of the hands.
-        qpos: The trajectory.
+    Args: `model`: the robot; `targets`: of the same frames; `person`: the person; `holds`: of the hands; `qpos`: the
+    trajectory.
     """
     if not model.spec.fingers or person.fingers_recorded:
         return qpos

@@ -33,13 +33,8 @@ def settled(  # noqa: PLR0913, PLR0917  # the parts of a search
 ) -> HandPoses:
     """Return the poses at which hands come to rest.
 
-    Args:
-        hand: Its shape.
-        moving_object: The object.
-        start: Of each search.
-        wanted: Poses to stay near: one, or as many.
-        stiffness: Of the pull to these [1/m^2, 1/rad^2], as that of `pull`.
-        reaches: Of the steps [m].
+    Args: `hand`: its shape; `moving_object`: the object; `start`: of each search; `wanted`: poses to stay near: one, or
+    as many; `stiffness`: of the pull to these [1/m^2, 1/rad^2], as that of `pull`; `reaches`: of the steps [m].
     """
     poses = start
     for reach in reaches:

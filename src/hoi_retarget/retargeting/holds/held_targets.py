@@ -68,16 +68,11 @@ def with_holds(  # noqa: PLR0913  # the last two are options
 ) -> tuple[Targets, tuple[Hold, ...]]:
     """Return the targets of hands that keep holds, and the holds.
 
-    Args:
-        targets: With the person's contacts.
-        model: The robot.
-        ik_qpos: Where the body is about [m, rad].
-        physics: Masses and frictions.
-        simulated: Indices of the objects whose holds are to keep them in a simulation.
-        contacts: The person's, which tell what somebody chose.
-        gives_way: Whether the path of the targets' only object may change where arms cannot reach it.
-
-    Raises `GeometryError`: an object's mesh cannot be read; `RobotError`: the robot's hands have no shapes.
+    Args: `targets`: with the person's contacts; `model`: the robot; `ik_qpos`: where the body is about [m, rad];
+    `physics`: masses and frictions; `simulated`: indices of the objects whose holds are to keep them in a simulation;
+    `contacts`: the person's, which tell what somebody chose; `gives_way`: whether the path of the targets' only object
+    may change where arms cannot reach it. Raises `GeometryError`: an object's mesh cannot be read; `RobotError`: the
+    robot's hands have no shapes.
     """
     if not all(skins_from(model, palm) for palm in PALMS):
         raise RobotError(

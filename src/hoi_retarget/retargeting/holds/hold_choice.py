@@ -17,17 +17,8 @@ from hoi_retarget.dynamics.free_hands import palm_skin, touch_of
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import evenly_spaced
 from hoi_retarget.objects.distance_field import DistanceField
+from hoi_retarget.retargeting.holds import hand_settling
 from hoi_retarget.retargeting.holds.arm_reach import reach
-from hoi_retarget.retargeting.holds.hand_settling import (
-    FAR_REACHES,
-    NEAR_REACHES,
-    depths,
-    pull,
-    settled,
-    skin_depths,
-    touching,
-    touching_areas,
-)
 from hoi_retarget.retargeting.holds.hand_shape import HandPoses, HandShape, hand_shape
 from hoi_retarget.retargeting.holds.hold import Hold, PersonHold
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
@@ -105,20 +96,22 @@ def best_hold(held: PersonHold, hand: HandShape, moving_object: MovingObject, st
     """
     person = held.asked
     distance, normal = moving_object.field.distances_and_normals(person.positions)
-    stiffness = pull(SPREAD)
+    stiffness = hand_settling.pull(SPREAD)
     if held.edited:
         stiffness[:3, :3] += (ASKED**-2.0 - SPREAD[0] ** -2.0) * (np.eye(3) - np.outer(normal[0], normal[0]))
     if any(held.turn):
         stiffness[3:, 3:] += (ASKED_TURN**-2.0 - SPREAD[1] ** -2.0) * np.eye(3)
-    candidates = settled(hand, moving_object, _seeds(person, hand, moving_object), person, stiffness, FAR_REACHES)
-    rough = 1e4 * touching_areas(hand, moving_object, candidates, ROUGHLY)
+    candidates = hand_settling.settled(
+        hand, moving_object, _seeds(person, hand, moving_object), person, stiffness, hand_settling.FAR_REACHES
+    )
+    rough = 1e4 * hand_settling.touching_areas(hand, moving_object, candidates, ROUGHLY)
     rough = np.minimum(rough, 2.0 * ENOUGH_AREA) - _distance_costs(candidates, person, stiffness)
-    rough -= DEPTH_COST * np.maximum(skin_depths(hand, moving_object, candidates) - ROUGHLY, 0.0)
+    rough -= DEPTH_COST * np.maximum(hand_settling.skin_depths(hand, moving_object, candidates) - ROUGHLY, 0.0)
     candidates = candidates.take(np.argsort(-rough, kind="stable")[:POLISHED])
-    candidates = settled(hand, moving_object, candidates, person, stiffness, NEAR_REACHES)
-    candidates = touching(hand, moving_object, candidates)
-    areas = touching_areas(hand, moving_object, candidates, TOUCHING)
-    deep = depths(hand, moving_object, candidates)
+    candidates = hand_settling.settled(hand, moving_object, candidates, person, stiffness, hand_settling.NEAR_REACHES)
+    candidates = hand_settling.touching(hand, moving_object, candidates)
+    areas = hand_settling.touching_areas(hand, moving_object, candidates, TOUCHING)
+    deep = hand_settling.depths(hand, moving_object, candidates)
     skin, poses = palm_skin(start.model, hand.site), zip(candidates.positions, candidates.rotations, strict=True)
     touches = [touch_of(skin, moving_object.field, *pose) for pose in poses]
     middles = np.array([touch.middle for touch in touches])

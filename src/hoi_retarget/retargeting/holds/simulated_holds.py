@@ -64,13 +64,8 @@ def simulated_holds(  # noqa: PLR0913, PLR0917  # the parts of a choice
 
     Raises `GeometryError` where the object is not convex, and nothing that cuts it into convex parts is installed.
 
-    Args:
-        targets: Of the robot, of two frames or more.
-        objects: Of its world.
-        holds: All that were chosen.
-        start: The IK trajectory.
-        physics: Masses and frictions.
-        index: Of the object; no other robot's hands hold it.
+    Args: `targets`: of the robot, of two frames or more; `objects`: of its world; `holds`: all that were chosen;
+    `start`: the IK trajectory; `physics`: masses and frictions; `index`: of the object; no other robot's hands hold it.
     """
     name, scale = targets.object_names[index], float(targets.object_scale[index])
     shape = collision_shape(geometry := targets.object_geometry[index])

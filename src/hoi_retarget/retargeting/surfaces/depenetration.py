@@ -81,15 +81,9 @@ def escape_paths(  # noqa: PLR0913, PLR0917  # the parts of a path
 ) -> tuple[EscapePath, ...]:
     """Return a path for each link and run of frames in which an object is deep in it.
 
-    Args:
-        objects: Obstacles of the links.
-        limbs: The human's limbs in the objects' frames [m].
-        skin: Of the links that may leave.
-        touching: Frames in which a link touches, and stays, by its name.
-        start: Trajectory that a solve starts from.
-        earlier: Paths of previous solves, which keep their sides.
-        weight: [1/m^2]
-        fps: Frames a second.
+    Args: `objects`: obstacles of the links; `limbs`: the human's limbs in the objects' frames [m]; `skin`: of the links
+    that may leave; `touching`: frames in which a link touches, and stays, by its name; `start`: trajectory that a solve
+    starts from; `earlier`: paths of previous solves, which keep their sides; `weight`: [1/m^2]; `fps`: frames a second.
     """
     of_link, never = limb_of_link(start.model), np.zeros(len(start.qpos), dtype=bool)
     return tuple(

@@ -58,14 +58,9 @@ def hinge_rows(  # noqa: PLR0913, PLR0917  # the parts of rows
 
     Deep inside, beyond `LINEAR_BEYOND`, the cost grows in proportion to the depth: what cannot be got out is not torn.
 
-    Args:
-        frame: Of the link.
-        lever: From the link's origin to the points, in world axes [m].
-        distances: Of the points [m].
-        normals: World directions in which the distances grow as the points move.
-        margin: Distance that costs nothing [m].
-        weight: [1/m^2]
-        frames: Of the rows.
+    Args: `frame`: of the link; `lever`: from the link's origin to the points, in world axes [m]; `distances`: of the
+    points [m]; `normals`: world directions in which the distances grow as the points move; `margin`: distance that
+    costs nothing [m]; `weight`: [1/m^2]; `frames`: of the rows.
     """
     return FrameRows(frame, *moving_points.hinge(lever, distances, normals, margin, LINEAR_BEYOND), weight, frames)
 

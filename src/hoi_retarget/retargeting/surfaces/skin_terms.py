@@ -9,16 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.kernels import moving_points
-from hoi_retarget.retargeting.surfaces.skin_points import (
-    NEAR,
-    LinkAtObject,
-    MovingObject,
-    NearSkin,
-    hinge_rows,
-    levers,
-    moments,
-    softened,
-)
+from hoi_retarget.retargeting.surfaces import skin_points
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin
@@ -44,7 +35,7 @@ class ObjectOutsideLink:
         """Return one row a sample."""
         frame = self.skin.frame
         lever, distances, away = self._at(kinematics)
-        rows = hinge_rows(frame, lever, distances, away, self.margins, self.weights, self.frames)
+        rows = skin_points.hinge_rows(frame, lever, distances, away, self.margins, self.weights, self.frames)
         return (rows,) if rows.residual.any() else ()
 
     def depths(self, kinematics: Kinematics) -> Float[np.ndarray, "F"]:
@@ -59,17 +50,12 @@ class ObjectOutsideLink:
 
 
 def object_outside_link(  # noqa: PLR0913, PLR0917  # the parts of a term
-    name: str, link: LinkAtObject, near: NearSkin, weight: float, count: int, apart: float
+    name: str, link: skin_points.LinkAtObject, near: skin_points.NearSkin, weight: float, count: int, apart: float
 ) -> ObjectOutsideLink | None:
     """Return the term with the samples that are near the link at a start; None where none ever is.
 
-    Args:
-        name: Of the term.
-        link: The link and the object.
-        near: Its points at a start.
-        weight: [1/m^2]
-        count: Most samples in a frame.
-        apart: Least distance between two of them [m].
+    Args: `name`: of the term; `link`: the link and the object; `near`: its points at a start; `weight`: [1/m^2];
+    `count`: most samples in a frame; `apart`: least distance between two of them [m].
     """
     skin, moving_object = link.skin, link.moving_object
     frames = near.frames[near.least < OUTSIDE_RANGE]
@@ -95,10 +81,10 @@ def object_outside_link(  # noqa: PLR0913, PLR0917  # the parts of a term
     return ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], np.full(len(frames), weight))
 
 
-def _groups(link: LinkAtObject, frames: Int[np.ndarray, "F"]) -> Int[np.ndarray, "F"]:
+def _groups(link: skin_points.LinkAtObject, frames: Int[np.ndarray, "F"]) -> Int[np.ndarray, "F"]:
     """Return the groups of frames in which a link is at about the same place on the object, numbered from zero."""
     frame, points = link.skin.frame, link.skin.points[:SPREAD_POINTS].T[:, :, None].repeat(len(frames), axis=2)
-    world = link.start.point(frame)[:, None, frames] + levers(link.start, frame, points, frames)
+    world = link.start.point(frame)[:, None, frames] + skin_points.levers(link.start, frame, points, frames)
     places = link.moving_object.inside(world, frames)
     group, first = np.zeros(len(frames), dtype=int), 0
     for index in range(1, len(frames)):
@@ -123,7 +109,7 @@ class SkinContact:
 
     name: str
     skin: LinkSkin
-    moving_object: MovingObject
+    moving_object: skin_points.MovingObject
     frames: Int[np.ndarray, "F"]
     points: Float[np.ndarray, "3 K F"]  # In the link's frame [m].
     weights: Float[np.ndarray, "F"]  # Of the clearance [1/m^2].
@@ -132,7 +118,9 @@ class SkinContact:
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a point for clearance, and one for touch."""
         lever, distances, normals = self._at(kinematics)
-        clearance = hinge_rows(self.skin.frame, lever, distances, normals, MARGIN, self.weights, self.frames)
+        clearance = skin_points.hinge_rows(
+            self.skin.frame, lever, distances, normals, MARGIN, self.weights, self.frames
+        )
         if self.touch_weights is None:
             return (clearance,)
         return clearance, self._touch(lever, distances, normals, self.touch_weights)
@@ -151,28 +139,28 @@ class SkinContact:
         shares = np.exp((distances.min(axis=0) - distances) / SHARPNESS)
         shares /= shares.sum(axis=0)
         distance = (shares * distances).sum(axis=0)
-        residual, slope = softened(np.maximum(distance - TOUCHING, 0.0), FURTHEST_PULL)
+        residual, slope = skin_points.softened(np.maximum(distance - TOUCHING, 0.0), FURTHEST_PULL)
         # The derivative of the shares counts too: they move towards the points that come nearer.
         shares *= 1.0 - (distances - distance) / SHARPNESS
         along = np.where(residual > 0.0, slope, 0.0) * shares * normals
-        by_linear, by_angular = along.sum(axis=1), moments(lever, along).sum(axis=1)
+        by_linear, by_angular = along.sum(axis=1), skin_points.moments(lever, along).sum(axis=1)
         return FrameRows(self.skin.frame, residual[None], by_linear[None], by_angular[None], weights, self.frames)
 
 
 def skin_contact(
-    name: str, link: LinkAtObject, near: NearSkin, weight: float, touch_weights: Float[np.ndarray, "T"] | None
+    name: str,
+    link: skin_points.LinkAtObject,
+    near: skin_points.NearSkin,
+    weight: float,
+    touch_weights: Float[np.ndarray, "T"] | None,
 ) -> SkinContact | None:
     """Return the term with the skin points that are near at a start; None where no skin ever is, nor is to touch.
 
-    Args:
-        name: Of the term.
-        link: The link and the object.
-        near: Its points at a start.
-        weight: Of the clearance [1/m^2].
-        touch_weights: In every frame [1/m^2]; None where the link never touches the object.
+    Args: `name`: of the term; `link`: the link and the object; `near`: its points at a start; `weight`: of the
+    clearance [1/m^2]; `touch_weights`: in every frame [1/m^2]; None where the link never touches the object.
     """
     points, count = link.skin.points, near.chosen.shape[1]
-    seen = near.nearest < NEAR
+    seen = near.nearest < skin_points.NEAR
     wanted = np.zeros(len(link.around), dtype=bool) if touch_weights is None else touch_weights > 0
     wanted[near.frames[seen]] = True
     frames = np.flatnonzero(wanted)

@@ -74,15 +74,10 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
 ) -> tuple[Term, ...]:
     """Return the cost table with the contact's points free along their sides, and the terms between surfaces.
 
-    Args:
-        weights: Of the table.
-        targets: With contact points at which the robot's skin touches.
-        reference: The IK trajectory.
-        start: The trajectory that the solve starts from, by which points are chosen.
-        surfaces: Of the same frames.
-        near: `clearances` at the start.
-        paths: Of links out of objects; the clearance of these links hardly weighs, as its nearest way may differ.
-        relaxed: Whether links trapped in an object at the start may stay there.
+    Args: `weights`: of the table; `targets`: with contact points at which the robot's skin touches; `reference`: the IK
+    trajectory; `start`: the trajectory that the solve starts from, by which points are chosen; `surfaces`: of the same
+    frames; `near`: `clearances` at the start; `paths`: of links out of objects; the clearance of these links hardly
+    weighs, as its nearest way may differ; `relaxed`: whether links trapped in an object at the start may stay there.
     """
     table = (
         _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) and term.site not in PALMS else term

@@ -14,33 +14,25 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
+from hoi_retarget.retargeting.trajopt.terms import site_pose
 from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms, link_floor_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture, coupling_terms, posture_terms
-from hoi_retarget.retargeting.trajopt.terms.site_pose import (
-    SitePosition,
-    SiteRotation,
-    pin_terms,
-    position_terms,
-    stance_terms,
-    torso_terms,
-    trunk_terms,
-)
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
 COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     posture_terms,
     coupling_terms,
-    position_terms,
-    torso_terms,
-    trunk_terms,
+    site_pose.position_terms,
+    site_pose.torso_terms,
+    site_pose.trunk_terms,
     contact_terms,
-    stance_terms,
+    site_pose.stance_terms,
     jerk_terms,
     floor_terms,
     link_floor_terms,
-    pin_terms,
+    site_pose.pin_terms,
 )
 
 
@@ -68,9 +60,11 @@ def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[T
     for k, row in enumerate(model.spec.ik_rows):
         if row.position_weight > 0:
             goal: Float[np.ndarray, "3 T"] = targets.site_positions[:, k].T
-            terms.append(SitePosition(f"{row.site}_position", row.site, goal, row.position_weight**2))
+            terms.append(site_pose.SitePosition(f"{row.site}_position", row.site, goal, row.position_weight**2))
         if row.rotation_weight > 0:
-            terms.append(SiteRotation(f"{row.site}_rotation", row.site, rotations[k], 0.5 * row.rotation_weight**2))
+            terms.append(
+                site_pose.SiteRotation(f"{row.site}_rotation", row.site, rotations[k], 0.5 * row.rotation_weight**2)
+            )
     home = np.repeat(model.home_qpos[7:, None], targets.frames, axis=1)
     terms.append(Posture("posture", home, model.spec.posture_weight))
     terms.append(Differences("smoothness", 1, weights.smoothness * (targets.fps / PAPER_RATE) ** 2))

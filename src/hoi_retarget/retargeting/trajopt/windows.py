@@ -71,14 +71,10 @@ def solve_windows(  # noqa: PLR0913  # the parts of a solve
 
     Raises `SolveError` where a window fails, or its trajectory breaks a joint range or a joint speed.
 
-    Args:
-        problem_of: Makes the problem of a window.
-        start: The trajectory to start from.
-        windows: In order of time, over all frames.
-        solver: Solves each window.
-        effort: Of each solve.
-        first_frame: Frame of the clip in which the trajectory starts, for messages.
-        reported: Whether windows are reported and checked; otherwise another solve goes on from the trajectory.
+    Args: `problem_of`: makes the problem of a window; `start`: the trajectory to start from; `windows`: in order of
+    time, over all frames; `solver`: solves each window; `effort`: of each solve; `first_frame`: frame of the clip in
+    which the trajectory starts, for messages; `reported`: whether windows are reported and checked; otherwise another
+    solve goes on from the trajectory.
     """
     qpos, solved = start.copy(), 0
     reports = []

@@ -6,14 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.robots.adding.kinematic_chains import (
-    BendJoint,
-    KinematicChain,
-    find_bend_joint,
-    joint_centre,
-    perpendicular,
-    straight_angle,
-)
+from hoi_retarget.robots.adding import kinematic_chains
 from hoi_retarget.robots.adding.zero_pose import ZeroPose
 
 _AMBIGUOUS = 0.6  # From this share of the shorter side of its range in the longer one, an elbow's flexion is ambiguous.
@@ -28,7 +21,7 @@ _MAX_PALM_DEPTH, _MAX_PALM_OFFSET = 0.05, 0.03
 class Arm:
     """One arm in the zero pose, in world axes."""
 
-    elbow: BendJoint
+    elbow: kinematic_chains.BendJoint
     upper: Float[np.ndarray, "3 3"]  # Upper arm: z from the elbow to the shoulder, y against the elbow's flexion.
     fore: Float[np.ndarray, "3 3"]  # Forearm: x from the elbow to the wrist, the same y.
     hand: Float[np.ndarray, "3 3"]  # Hand: x along the fingers; its y is to the inner side of the left palm's back.
@@ -41,24 +34,20 @@ class Arm:
 
 
 def find_arm(  # noqa: PLR0913  # facts of one arm
-    pose: ZeroPose, chain: KinematicChain, ahead: np.ndarray, inward: int, *, named: str, roll: float
+    pose: ZeroPose, chain: kinematic_chains.KinematicChain, ahead: np.ndarray, inward: int, *, named: str, roll: float
 ) -> Arm:
     """Return an arm.
 
     Raises `UnsuitableRobotError` where it has no elbow.
 
-    Args:
-        pose: The zero pose.
-        chain: The arm.
-        ahead: The forward axis.
-        inward: Sign of the hand's y axis that points to the other hand: -1 on the left.
-        named: The elbow's joint, where the user states it.
-        roll: Of the hand about the forearm, where the user states it [rad].
+    Args: `pose`: the zero pose; `chain`: the arm; `ahead`: the forward axis; `inward`: sign of the hand's y axis that
+    points to the other hand: -1 on the left; `named`: the elbow's joint, where the user states it; `roll`: of the hand
+    about the forearm, where the user states it [rad].
     """
     points = pose.points(*chain.tip)
     hinges = chain.hinges
     tip = _farthest(points, pose.anchors[hinges[2]], pose.anchors[hinges[-1]])
-    bend = find_bend_joint(pose, hinges, tip, "elbow", named)
+    bend = kinematic_chains.find_bend_joint(pose, hinges, tip, "elbow", named)
     bend = bend.abreast_of(pose, bend.top)
     tip = _farthest(points, bend.middle, pose.anchors[hinges[-1]])
     beyond = hinges[bend.place + 1 :]
@@ -72,12 +61,12 @@ def find_arm(  # noqa: PLR0913  # facts of one arm
     bends = [joint for joint in beyond if joint not in twists]
     wrist = bend.middle + _PALM * way
     if bends:
-        wrist = pose.anchors[beyond[-1]] if beyond[-1] in bends else joint_centre(pose, bends[-2:])
+        wrist = pose.anchors[beyond[-1]] if beyond[-1] in bends else kinematic_chains.joint_centre(pose, bends[-2:])
         bend = bend.abreast_of(pose, 0.5 * (bend.top + wrist))
     flexion = pose.axes[bend.joint] * _flexion_sign(pose, bend, wrist, ahead)
-    upper_z = perpendicular(bend.top - bend.middle, flexion)
+    upper_z = kinematic_chains.perpendicular(bend.top - bend.middle, flexion)
     upper = _frame(z=upper_z, y=-flexion)
-    fore_x = perpendicular(wrist - bend.middle, flexion)
+    fore_x = kinematic_chains.perpendicular(wrist - bend.middle, flexion)
     fore_z = np.cross(fore_x, -flexion)
     fore = _frame(z=fore_z, y=-flexion)
     hand = fore
@@ -91,12 +80,12 @@ def find_arm(  # noqa: PLR0913  # facts of one arm
     palm = _palm(points, wrist, hand, tip, inward)
     axes = pose.axes[list(beyond)] if beyond else np.zeros((1, 3))
     free_turns = int((np.linalg.svd(axes, compute_uv=False) > 0.3).sum()) if beyond else 0
-    straight, _, _ = straight_angle(pose, bend, wrist)
+    straight, _, _ = kinematic_chains.straight_angle(pose, bend, wrist)
     return Arm(bend, upper, fore, hand, wrist, palm, beyond, free_turns, straight, measured=len(points) > 0)
 
 
-def _flexion_sign(pose: ZeroPose, bend: BendJoint, wrist: np.ndarray, ahead: np.ndarray) -> float:
-    _, above, below = straight_angle(pose, bend, wrist)
+def _flexion_sign(pose: ZeroPose, bend: kinematic_chains.BendJoint, wrist: np.ndarray, ahead: np.ndarray) -> float:
+    _, above, below = kinematic_chains.straight_angle(pose, bend, wrist)
     if min(above, below) < _AMBIGUOUS * max(above, below):
         return 1.0 if above > below else -1.0
     swing = np.cross(pose.axes[bend.joint], bend.middle - bend.top)

@@ -42,12 +42,9 @@ def find_forward_axis(
     x axis vote for the forward axis.
     Raises `UnsuitableRobotError` where the votes do not decide, or `hint` is none of the axes across the legs.
 
-    Args:
-        pose: The zero pose.
-        limbs: Its limbs, left and right not yet distinguished.
-        knees: In the order of the legs; none of a robot without legs.
-        ankles: Their centres [m], in the same order.
-        hint: The forward axis, such as `-x`, where the user states it; otherwise empty.
+    Args: `pose`: the zero pose; `limbs`: its limbs, left and right not yet distinguished; `knees`: in the order of the
+    legs; none of a robot without legs; `ankles`: their centres [m], in the same order; `hint`: the forward axis, such
+    as `-x`, where the user states it; otherwise empty.
     """
     ahead = np.cross(limbs.lateral, limbs.up)  # If the first limbs are the left ones.
     ahead /= np.linalg.norm(ahead)

@@ -292,12 +292,8 @@ def find_bend_joint(
 
     Raises `UnsuitableRobotError` where the limb does not bend, or has no joint of the name.
 
-    Args:
-        pose: The zero pose.
-        hinges: The limb's chain.
-        end: The limb's end [m].
-        called: `knee` or `elbow`: a name decides between joints that are about as likely.
-        named: The joint's name, where the user states it.
+    Args: `pose`: the zero pose; `hinges`: the limb's chain; `end`: the limb's end [m]; `called`: `knee` or `elbow`: a
+    name decides between joints that are about as likely; `named`: the joint's name, where the user states it.
     """
     scores: dict[int, tuple[float, float, np.ndarray]] = {}
     driven = [place for place in range(2, len(hinges)) if pose.name(hinges[place]) not in pose.description.passive]

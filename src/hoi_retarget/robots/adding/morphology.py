@@ -183,13 +183,8 @@ def trunk_sites(  # noqa: PLR0913  # poses, axes and the two middles of one trun
 ) -> Iterator[tuple[str, PlacedSite]]:
     """Yield the sites of pelvis, torso and head.
 
-    Args:
-        pose: The zero pose.
-        limbs: Its limbs.
-        trunk: The trunk's axes.
-        hips: The middle between the hips [m].
-        shoulders: That between the shoulders [m].
-        stature: The stature [m].
+    Args: `pose`: the zero pose; `limbs`: its limbs; `trunk`: the trunk's axes; `hips`: the middle between the hips [m];
+    `shoulders`: that between the shoulders [m]; `stature`: the stature [m].
     """
     axes = trunk.axes
     up = axes[:, 2]

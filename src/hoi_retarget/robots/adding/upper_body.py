@@ -10,21 +10,13 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.robots.adding import morphology
 from hoi_retarget.robots.adding.arms import Arm
 from hoi_retarget.robots.adding.description import Description
 from hoi_retarget.robots.adding.findings import Hints, RobotFinding
 from hoi_retarget.robots.adding.forward_axis import TrunkAxes, find_forward_axis
 from hoi_retarget.robots.adding.home_pose import home_goals
 from hoi_retarget.robots.adding.kinematic_chains import find_arms
-from hoi_retarget.robots.adding.morphology import (
-    Morphology,
-    PlacedSite,
-    arm_findings,
-    arm_sites,
-    find_both_arms,
-    pose_and_limbs,
-    trunk_sites,
-)
 from hoi_retarget.robots.adding.zero_pose import ZeroPose
 from hoi_retarget.robots.spec import SIDES
 
@@ -44,36 +36,36 @@ _LEG = {
 """A person's left leg: ahead, left and above the floor under the shoulders, as shares of the stature."""
 
 
-def find_upper_body(description: Description, hints: Hints) -> Morphology:
+def find_upper_body(description: Description, hints: Hints) -> morphology.Morphology:
     """Return the morphology above a robot's base.
 
     Raises `UnsuitableRobotError` without two arms that can follow a person's, or where its forward axis is undecided.
     """
-    pose, limbs = pose_and_limbs(description, hints, find_arms)
+    pose, limbs = morphology.pose_and_limbs(description, hints, find_arms)
     trunk = find_forward_axis(pose, limbs, (), (), hints.ahead)
     if not trunk.first_is_left:
         limbs = replace(limbs, arms=limbs.arms[::-1])
-    arms = find_both_arms(pose, limbs, trunk, hints)
+    arms = morphology.find_both_arms(pose, limbs, trunk, hints)
     stature, height, by = _stature(pose, trunk, arms, hints.stature)
     shoulders = 0.5 * (arms[0].elbow.top + arms[1].elbow.top)
     floor = shoulders - height * trunk.axes[:, 2]
     sites = dict(_leg_sites(pose, trunk, floor, stature))
     hips = 0.5 * (sites["left_hip"].position + sites["right_hip"].position)
-    sites |= dict(trunk_sites(pose, limbs, trunk, hips, shoulders, stature=stature))
-    sites |= arm_sites(pose, limbs, arms)
+    sites |= dict(morphology.trunk_sites(pose, limbs, trunk, hips, shoulders, stature=stature))
+    sites |= morphology.arm_sites(pose, limbs, arms)
     held = ", ".join(one.joint for one in pose.held[:4]) + (", ..." if len(pose.held) > 4 else "")
     findings = (
         *description.findings,
         RobotFinding(
             "ok", "base", f"{hints.base}; {len(pose.held)} joints are held ({held})", 'base = "stays"  # or follows'
         ),
-        *arm_findings(pose, limbs, arms),
+        *morphology.arm_findings(pose, limbs, arms),
         trunk.finding,
         RobotFinding(
             "ok", "stature", f"{stature:.2f} m {by}; the shoulders are {height:.2f} m high", "stature = NUMBER"
         ),
     )
-    return Morphology(pose, trunk, sites, arms, stature, findings)
+    return morphology.Morphology(pose, trunk, sites, arms, stature, findings)
 
 
 def _stature(pose: ZeroPose, trunk: TrunkAxes, arms: tuple[Arm, Arm], named: float | None) -> tuple[float, float, str]:
@@ -95,10 +87,10 @@ def _length(arm: Arm) -> float:
 
 def _leg_sites(
     pose: ZeroPose, trunk: TrunkAxes, floor: Float[np.ndarray, "3"], stature: float
-) -> Iterator[tuple[str, PlacedSite]]:
+) -> Iterator[tuple[str, morphology.PlacedSite]]:
     goals = home_goals()
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
         for name, (ahead, left, above) in _LEG.items():
             turn = goals.get(f"{side}_{name}", np.eye(3))
             place = floor + trunk.axes @ (stature * np.array([ahead, sign * left, above]))
-            yield f"{side}_{name}", PlacedSite(pose.root, place, trunk.axes @ turn)
+            yield f"{side}_{name}", morphology.PlacedSite(pose.root, place, trunk.axes @ turn)

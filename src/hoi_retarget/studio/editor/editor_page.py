@@ -69,12 +69,8 @@ def _titles(now: EditState) -> list[str]:
 def editor_page(now: EditState, model: RobotModel, scene: str, chart: str, state: dict[str, Any]) -> str:
     """Return the whole page.
 
-    Args:
-        now: The current state.
-        model: The robot.
-        scene: Of `EditorScene.packed`.
-        chart: Of `EditorScene.chart`.
-        state: Of `state_of`, and what else the page's script is told.
+    Args: `now`: the current state; `model`: the robot; `scene`: of `EditorScene.packed`; `chart`: of
+    `EditorScene.chart`; `state`: of `state_of`, and what else the page's script is told.
     """
     clip, motion = now.clip, now.motions[0]
     several = len(clip.people) > 1

@@ -75,12 +75,8 @@ def state_of(
 ) -> dict[str, Any]:
     """Return contacts, pins, edits and figures as plain values.
 
-    Args:
-        now: The current state.
-        model: The robot.
-        gaps: Distance of each contact's point from its surface.
-        first: The state at the beginning.
-        previous: The state before the last change, if any.
+    Args: `now`: the current state; `model`: the robot; `gaps`: distance of each contact's point from its surface;
+    `first`: the state at the beginning; `previous`: the state before the last change, if any.
     """
     several = len(now.clip.people) > 1
     return {

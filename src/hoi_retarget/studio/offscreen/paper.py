@@ -162,16 +162,11 @@ def paper_picture(  # noqa: PLR0913 - options with defaults, and what is drawn
 ) -> bytes:
     """Return a PNG file: a row for each scene, a column for each time; raises `DrawingError`.
 
-    Args:
-        filmed: What the rows show.
-        view: How to look at it.
-        cell: Width and height in which a frame is drawn, before it is cut to what is seen [px].
-        times: Of the columns [s].
-        titles: What stands below each column.
-        rows: What stands before each row; nothing where all are empty.
-        overlaid: Lay all frames of a row over each other instead, the earlier ones fainter.
-        transparent: Leave the background out instead of painting it white.
-        drawn: Called after each frame.
+    Args: `filmed`: what the rows show; `view`: how to look at it; `cell`: width and height in which a frame is drawn,
+    before it is cut to what is seen [px]; `times`: of the columns [s]; `titles`: what stands below each column; `rows`:
+    what stands before each row; nothing where all are empty; `overlaid`: lay all frames of a row over each other
+    instead, the earlier ones fainter; `transparent`: leave the background out instead of painting it white; `drawn`:
+    called after each frame.
     """
     placed = cameras(filmed, view, cell[0] / cell[1])
     lines: list[list[Cutout]] = []

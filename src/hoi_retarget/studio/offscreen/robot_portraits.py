@@ -42,13 +42,10 @@ def picture(
     Raises `ArgumentError` for a configuration of another robot, `ReadError` for mesh files that are missing or damaged,
     and `DrawingError` where this machine has no way to draw without a screen.
 
-    Args:
-        spec: The robot.
-        qpos: Its configuration, root first; the home pose where none is given.
-        meshes: Folder with the vendor's mesh files (`spec.meshes`), or with folders that hold them;
-            without it those that were fetched, or the primitives of the MJCF.
-        views: One panel each, from left to right.
-        height: Of the picture [px]; a panel is 0.62 times as wide.
+    Args: `spec`: the robot; `qpos`: its configuration, root first; the home pose where none is given; `meshes`: folder
+    with the vendor's mesh files (`spec.meshes`), or with folders that hold them; without it those that were fetched, or
+    the primitives of the MJCF; `views`: one panel each, from left to right; `height`: of the picture [px]; a panel is
+    0.62 times as wide.
     """
     model = load_model(spec)
     pose = model.home_qpos if qpos is None else qpos

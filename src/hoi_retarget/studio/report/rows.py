@@ -137,12 +137,9 @@ def read_row(
 ) -> Row:
     """Return a file's row; an unreadable file's has the reason.
 
-    Args:
-        name: Of the file in the report.
-        path: The file.
-        robot: The robot of files that do not say which.
-        lineage: What was done to the recording, where it is known from elsewhere.
-        recording: The clip of files that do not say which.
+    Args: `name`: of the file in the report; `path`: the file; `robot`: the robot of files that do not say which;
+    `lineage`: what was done to the recording, where it is known from elsewhere; `recording`: the clip of files that do
+    not say which.
     """
     try:
         opened = with_recording(open_motion(path, robot), path, robot, recording)

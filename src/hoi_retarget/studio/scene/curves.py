@@ -293,13 +293,10 @@ def chart_html(  # noqa: PLR0913 - options with defaults
     One result's curves differ in colour. Of several results each has a colour, and its curves differ in
     their dashes. Frames that a figure counts are drawn bold, where it counts only some.
 
-    Args:
-        subjects: Each result's title and curves.
-        fps: Rate of the frames that the time axis is divided into: `Scene.fps` where a scene plays beside it.
-        rows: Bars above the charts.
-        chart_height_px: Of one chart [px].
-        max_points: Points of one curve.
-        operable: Whether a script of the page (`share/page/timeline.js`) makes it answer to the pointer.
+    Args: `subjects`: each result's title and curves; `fps`: rate of the frames that the time axis is divided into:
+    `Scene.fps` where a scene plays beside it; `rows`: bars above the charts; `chart_height_px`: of one chart [px];
+    `max_points`: points of one curve; `operable`: whether a script of the page (`share/page/timeline.js`) makes it
+    answer to the pointer.
     """
     seconds = max(((len(curve.values) - 1) / curve.fps for _, curves in subjects for curve in curves), default=0.0)
     # The last frame of the scene, as `Scene.frames` counts.

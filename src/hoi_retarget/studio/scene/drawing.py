@@ -49,13 +49,8 @@ class Shapes:
     ) -> "Shapes":
         """Return shapes in single precision; one size, colour or rotation counts for all copies and frames.
 
-        Args:
-            kind: The unit shape.
-            sizes: Half extents [m].
-            colours: Red, green, blue.
-            positions: [m]
-            quats: wxyz
-            visible: Presence of each copy in each frame.
+        Args: `kind`: the unit shape; `sizes`: half extents [m]; `colours`: red, green, blue; `positions`: [m]; `quats`:
+        wxyz; `visible`: presence of each copy in each frame.
         """
         frames, count = positions.shape[:2]
         return cls(

@@ -43,12 +43,8 @@ def object_solid(
 ) -> Solid:
     """Return an object's mesh, scaled about its origin, at its poses; raises `GeometryError` for an unreadable file.
 
-    Args:
-        geometry: The object's shape at captured size.
-        scale: Factor of its size.
-        positions: [m]
-        quats: wxyz
-        colour: Of the mesh.
+    Args: `geometry`: the object's shape at captured size; `scale`: factor of its size; `positions`: [m]; `quats`: wxyz;
+    `colour`: of the mesh.
     """
     surface = surface_of(geometry)
     vertices, faces = decimated(surface.vertices, surface.faces)

@@ -15,21 +15,11 @@ from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.spec import RobotSpec
+from hoi_retarget.studio.scene import scene
 from hoi_retarget.studio.scene.drawing import DrawnScene, Subject
-from hoi_retarget.studio.scene.scene import (
-    OBJECT_LAYERS,
-    RobotOrHuman,
-    SceneItem,
-    centre_of,
-    group_by_shared_objects,
-    moved,
-    reach_of,
-    robot_and_human,
-    shifts_of,
-)
 
 
-def make_subplots(shown: Sequence[SceneItem]) -> DrawnScene:
+def make_subplots(shown: Sequence[scene.SceneItem]) -> DrawnScene:
     """Return results and clips with a subject for each robot, and one for each human, where they were computed.
 
     Robots that move the same objects of one clip are one subject, and so are their humans. Who is there several times
@@ -39,18 +29,18 @@ def make_subplots(shown: Sequence[SceneItem]) -> DrawnScene:
     """
     if not shown:
         raise ArgumentError("there is nothing to show. Name a result or a clip.")
-    places: dict[tuple[int, str], list[tuple[SceneItem, RobotOrHuman]]] = {}
-    for item, host in zip(shown, group_by_shared_objects(shown), strict=True):
-        for side in robot_and_human(item):
+    places: dict[tuple[int, str], list[tuple[scene.SceneItem, scene.RobotOrHuman]]] = {}
+    for item, host in zip(shown, scene.group_by_shared_objects(shown), strict=True):
+        for side in scene.robot_and_human(item):
             places.setdefault((host, side.name), []).append((item, side))
-    humans: dict[Hashable, list[tuple[SceneItem, RobotOrHuman]]] = {}
+    humans: dict[Hashable, list[tuple[scene.SceneItem, scene.RobotOrHuman]]] = {}
     for (_, name), members in places.items():
         if name == "human":
             paths = tuple((side.fps, side.pelvis.tobytes(), side.objects.tobytes()) for _, side in members)
             humans.setdefault(paths, members)
     robots = [members for (_, name), members in places.items() if name == "robot"]
     ordered = [*humans.values(), *robots]
-    shifts = shifts_of([reach_of([side for _, side in members]) for members in ordered])
+    shifts = scene.shifts_of([scene.reach_of([side for _, side in members]) for members in ordered])
     clips = len(humans) > 1
     return DrawnScene(tuple(_subplot(members, shift, clips) for members, shift in zip(ordered, shifts, strict=True)))
 
@@ -61,7 +51,7 @@ def on_one_floor(subplots: DrawnScene) -> DrawnScene:
         tuple(
             replace(
                 subject,
-                layers=tuple(moved(layer, subject.shift) for layer in subject.layers),
+                layers=tuple(scene.moved(layer, subject.shift) for layer in subject.layers),
                 centre=subject.centre + subject.shift,
                 look_at_targets={name: path + subject.shift for name, path in subject.look_at_targets.items()},
                 shift=np.zeros(3),
@@ -71,14 +61,16 @@ def on_one_floor(subplots: DrawnScene) -> DrawnScene:
     )
 
 
-def _subplot(members: Sequence[tuple[SceneItem, RobotOrHuman]], shift: Float[np.ndarray, "3"], clips: bool) -> Subject:
+def _subplot(
+    members: Sequence[tuple[scene.SceneItem, scene.RobotOrHuman]], shift: Float[np.ndarray, "3"], clips: bool
+) -> Subject:
     (first, side), *rest = members
     layers = [*side.layers]
     looks = dict(side.look_at_targets)
     for item, other in rest:
-        layers += [layer for layer in other.layers if layer.name not in OBJECT_LAYERS]
+        layers += [layer for layer in other.layers if layer.name not in scene.OBJECT_LAYERS]
         looks |= {f"{name}, {item.title}": path for name, path in other.look_at_targets.items()}
-    centre = np.mean([centre_of(each) for _, each in members], axis=0)
+    centre = np.mean([scene.centre_of(each) for _, each in members], axis=0)
     if side.name == "robot":
         return Subject(", ".join(item.title for item, _ in members), side.fps, tuple(layers), centre, looks, shift)
     title = f"human, {first.clip.name}" if clips and first.clip is not None else "human"

@@ -68,12 +68,8 @@ def make_clip_page(
 ) -> ClipPage:
     """Return the page of some results; raises `GeometryError` when an object's mesh file cannot be read.
 
-    Args:
-        title: Of the page.
-        results: The results; titles of their items name the robots.
-        back: Target of a link above the title.
-        notices: Problems with files, a sentence each.
-        detail: How much of long motions the page holds.
+    Args: `title`: of the page; `results`: the results; titles of their items name the robots; `back`: target of a link
+    above the title; `notices`: problems with files, a sentence each; `detail`: how much of long motions the page holds.
     """
     entries, shown = [entry for entry, _ in results], [item for _, item in results]
     subplots = make_subplots(shown)

@@ -310,12 +310,8 @@ def add_known_kinks(
 ) -> Float[np.ndarray, "U nv nv"] | None:
     """Return the curvature [1/m^2, 1/rad^2] of all kinks that are known, and add it to a band in place.
 
-    Args:
-        band: Of the normal equations.
-        gradient: Of half the cost.
-        unknown: Frames that are not pinned.
-        known: Curvature that was found before.
-        refused: Tells of a further kink.
+    Args: `band`: of the normal equations; `gradient`: of half the cost; `unknown`: frames that are not pinned; `known`:
+    curvature that was found before; `refused`: tells of a further kink.
     """
     if known is not None:
         add_curvature(band, known)
