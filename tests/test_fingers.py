@@ -154,7 +154,7 @@ def test_recorded_contacts_of_fingers_are_taken_as_they_are_and_written(tmp_path
     points = np.tile(clip().objects[0].geometry.points[0], (clip().frames, 1))
     own = ContactTrack(0, 0, "left_thumb", np.arange(clip().frames) < 50, points)
     recorded = replace(clip(), contacts=(*clip().contacts, own))
-    assert finger_contacts(recorded, 0) == ()
+    assert finger_contacts(recorded, 0) == (own,)
     found = make_targets(recorded, model, Config().scaling)
     assert found.contact_flags[:, found.contact_links.index("left_thumb")].sum() == 50
     write_clip(recorded, tmp_path / "clip.npz")

@@ -22,7 +22,7 @@ from grab_writer import (
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import FINGER_PARTS, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, grab, read_clip
 from source_people import assert_same_objects, assert_same_people, in_world
@@ -71,13 +71,19 @@ def test_what_is_written_is_read(root, models):
 def test_contacts_are_those_that_the_object_is_labelled_with(root, models, monkeypatch):
     monkeypatch.setattr(grab, "_ROWS", 50)  # Looked at piece by piece.
     clip = read_clip(write_members(root, MEMBERS), ReadOptions(body_models=models))
-    assert [(it.object, it.part) for it in clip.contacts] == [(0, part) for part in PARTS]
+    fingers = [part for part in FINGER_PARTS if FINGERS.get(f"{part.split('_')[0]}_hand") in labels_of(part)]
+    assert [(it.object, it.part) for it in clip.contacts] == [(0, part) for part in (*PARTS, *fingers)]
     active = {track.part: track.active for track in CLIP.contacts}
-    for track in clip.contacts:
+    for track in (track for track in clip.contacts if track.part in PARTS):
         assert np.array_equal(track.active, active.get(track.part, np.zeros(FRAMES, dtype=bool)))
         places = clip.objects[0].to_object(clip.people[0].part_position(track.part))
         assert np.array_equal(track.contact_points[track.active], places[track.active])
     assert active["left_hand"].sum() > 60
+
+
+def labels_of(part):
+    """The labels of a finger: its last two joints."""
+    return [grab.LABELLED_JOINTS.index(f"{part}{joint}") + 1 for joint in (2, 3)]
 
 
 def test_labels_name_the_joints_of_smplx_counted_from_one():
@@ -118,7 +124,8 @@ def test_every_label_means_its_part(root, models, label, part):
     labels[3:5, 4] = label
     clip = read_clip(write_members(root, changed("contact", object=labels)), ReadOptions(body_models=models))
     touching = {track.part: track.active.nonzero()[0].tolist() for track in clip.contacts if track.active.any()}
-    assert touching == ({part: [3, 4]} if part else {})
+    fingers = {name: [3, 4] for name in FINGER_PARTS if label in labels_of(name)}
+    assert touching == ({part: [3, 4], **fingers} if part else {})
     assert any("is also touched by" in note for note in clip.source.notes) == (part is None)
 
 

@@ -71,6 +71,7 @@ class Proximity:
 
 PROXIMITY = Proximity()
 SKIN_FINGERS, CAPSULE_FINGERS = Proximity(touch=0.004, release=0.006), Proximity(touch=0.008, release=0.010)
+ON_SURFACE = 0.002  # [m]; of given points of fingers: those farther off are the places of joints.
 """Of fingers of a hand that touches, by skin and by capsules."""
 
 
@@ -111,15 +112,22 @@ def label_contacts(
 
 
 @lru_cache(maxsize=1)  # Targets and figures ask for those of the same clip.
-def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
-    """Return the contacts of a person's fingers while their hands touch, at the object's nearest points.
+def with_finger_contacts(clip: Clip, person: int) -> Clip:
+    """Return a clip with the contacts of a person's fingers on the surface; raises as `finger_contacts`."""
+    others = [track for track in clip.contacts if track.person != person or track.part not in FINGER_PARTS]
+    return replace(clip, contacts=(*others, *finger_contacts(clip, person)))
 
-    None of fingers that are made up, or where the clip has some. Raises `GeometryError` where an object's mesh cannot
-    be read.
+
+def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
+    """Return the contacts of a person's fingers: as labelled, or found while their hands touch.
+
+    Points are the clip's where these are on the surface, else the object's nearest. None are found of fingers that are
+    made up. Raises `GeometryError` where an object's mesh cannot be read.
     """
     human, found = clip.people[person], []
-    if any(track.person == person and track.part in FINGER_PARTS for track in clip.contacts):
-        return ()
+    labelled = [track for track in clip.contacts if track.person == person and track.part in FINGER_PARTS]
+    if labelled:
+        return tuple(_on_surface(human, track, clip.objects[track.object]) for track in labelled)
     rule = CAPSULE_FINGERS if human.shape is None else SKIN_FINGERS
     for track in clip.contacts:
         if track.person != person or track.part not in HANDS or not track.active.any() or not human.fingers_recorded:
@@ -131,6 +139,14 @@ def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
             active = flags & track.active
             found.append(ContactTrack(person, track.object, item.part, active, _surface_points(item, active)))
     return tuple(found)
+
+
+def _on_surface(human: Person, track: ContactTrack, touched: ObjectTrack) -> ContactTrack:
+    given = track.contact_points[track.active]
+    if not len(given) or surface_of(touched.geometry).distances(given).max() < ON_SURFACE:
+        return track
+    near = PartObjectDistance(track.person, track.object, track.part, *of_part(human, track.part, [touched])[0])
+    return replace(track, contact_points=_surface_points(near, track.active))
 
 
 def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
-from hoi_retarget.clip.label_contacts import finger_contacts
+from hoi_retarget.clip.label_contacts import with_finger_contacts
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import BODY_PARTS, HANDS
@@ -88,15 +88,12 @@ class Comparison:
     @cached_property
     def contacts(self) -> tuple[ContactTrack, ...]:
         """The person's contacts, cut to the counted frames."""
+        clip = with_finger_contacts(self.clip, self.person) if self.kinematics.model.spec.fingers else self.clip
         return tuple(
             replace(track, active=track.active[self.first :], contact_points=track.contact_points[self.first :])
-            for track in (*self.clip.contacts, *self._finger_contacts)
+            for track in clip.contacts
             if track.person == self.person
         )
-
-    @property
-    def _finger_contacts(self) -> tuple[ContactTrack, ...]:
-        return finger_contacts(self.clip, self.person) if self.kinematics.model.spec.fingers else ()
 
     @cached_property
     def recorded_points(self) -> Mapping[tuple[str, int], Float[np.ndarray, "F 3"]]:

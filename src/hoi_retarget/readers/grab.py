@@ -23,7 +23,7 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.body_model import Gender
-from hoi_retarget.human.skeleton import HANDS, JOINTS, PARTS
+from hoi_retarget.human.skeleton import ALL_PARTS, FINGER_PARTS, HANDS, JOINTS, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
@@ -65,7 +65,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
         return Tracks(
             people=(body,),
             objects=(item, table),
-            touching={(0, part): np.any(touching[:, _labels_of(part)], axis=1) for part in PARTS},
+            touching={(0, part): active for part, active in _active(touching).items()},
             notes=_other_touches(touching, name),
         )
 
@@ -156,9 +156,15 @@ def _touching(path: Path, contact: Any, frames: int) -> Bool[np.ndarray, "T 56"]
     return touching
 
 
+def _active(touching: Bool[np.ndarray, "T 56"]) -> dict[str, Bool[np.ndarray, "T"]]:
+    """Return the frames in which each part touches, and each finger that ever does."""
+    found = {part: np.any(touching[:, _labels_of(part)], axis=1) for part in (*PARTS, *FINGER_PARTS)}
+    return {part: active for part, active in found.items() if part in PARTS or active.any()}
+
+
 def _labels_of(part: str) -> list[int]:
     """Return the labels that mean a part: those of its joints, and for a hand that of the wrist, which is the palm."""
-    joints = PARTS[part].label_joints + ((PARTS[part].rotation_joint,) if part in HANDS else ())
+    joints = ALL_PARTS[part].label_joints + ((PARTS[part].rotation_joint,) if part in HANDS else ())
     return [LABELLED_JOINTS.index(joint) + 1 for joint in joints]
 
 

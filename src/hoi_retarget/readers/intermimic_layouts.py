@@ -18,7 +18,7 @@ from hoi_retarget.clip.clip import MINIMUM_FRAMES
 from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human import t_pose
+from hoi_retarget.human import skeleton, t_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3
@@ -403,7 +403,7 @@ def _row_notes(rows: Rows) -> tuple[str, ...]:
 
 def part_active(joint_labels: Float[np.ndarray, "T 52"], part: str) -> Bool[np.ndarray, "T"]:
     """Return the frames in which any joint that stands for the part is labelled a contact."""
-    indices = [JOINT_INDEX[joint] for joint in PARTS[part].label_joints]
+    indices = [JOINT_INDEX[joint] for joint in skeleton.ALL_PARTS[part].label_joints]
     return _any_in_frame(joint_labels[:, indices] == CONTACT_LABEL)
 
 

@@ -15,6 +15,7 @@ legs along -y.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from jaxtyping import Float
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human.skeleton import JOINTS, PARTS
+from hoi_retarget.human.skeleton import FINGER_PARTS, JOINTS, PARTS
 from hoi_retarget.readers import intermimic_layouts as layouts
 from hoi_retarget.readers.reader import SourceRecording, Tracks
 
@@ -74,7 +75,9 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
         rotations = "turned by a fixed rotation" if turned else "those of SMPL-X"
         note = f"Body rotations are {rotations}, as the limbs tell."
         notes = (note, *copied, *_label_notes(labels))
-        return layouts.tracks_of(rows, person, labels, options.objects, notes)
+        tracks = layouts.tracks_of(rows, person, labels, options.objects, notes)
+        fingers = _touching_fingers(labels) if person.fingers_recorded else {}
+        return replace(tracks, touching={**tracks.touching, **fingers})
 
     return layouts.recording_of(
         rows,
@@ -108,6 +111,18 @@ def _labels(rows: layouts.Rows, names: Sequence[str]) -> tuple[dict[str, Float[n
             notes += (f"{name} is not touched in {others} frame(s) by its own label: labels there are not used.",)
         labels[name] = np.where(touched | (stored != layouts.CONTACT_LABEL), stored, 0.0)
     return labels, notes
+
+
+def _touching_fingers(labels: Mapping[str, Float[np.ndarray, "T 52"]]) -> dict[tuple[int, str], np.ndarray]:
+    """Return when fingers touch objects; nothing where labels are grades of nearness, which come and go at fingers."""
+    if any((values > layouts.CONTACT_LABEL).any() for values in labels.values()):
+        return {}
+    found = {
+        (index, part): layouts.part_active(values, part)
+        for index, values in enumerate(labels.values())
+        for part in FINGER_PARTS
+    }
+    return {key: active for key, active in found.items() if active.any()}
 
 
 def _label_notes(labels: Mapping[str, Float[np.ndarray, "T 52"]]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import FINGER_PARTS, PARTS
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of_rows
 from hoi_retarget.readers.fields import check_frames, refuse_object_name
@@ -171,5 +171,5 @@ def _contacts(
         ContactTrack(0, index, part, touching.get((index, part), nobody), track.to_object(person.part_position(part)))
         for index, track in enumerate(objects)
         if any(index == labelled for labelled, _ in touching)
-        for part in PARTS
+        for part in (*PARTS, *(part for part in FINGER_PARTS if (index, part) in touching))
     )

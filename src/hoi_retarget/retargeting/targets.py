@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import PELVIS, Clip
-from hoi_retarget.clip.label_contacts import finger_contacts
+from hoi_retarget.clip.label_contacts import with_finger_contacts
 from hoi_retarget.clip.supports import ON_FLOOR, supports
 from hoi_retarget.errors import RobotError
 from hoi_retarget.human.person import LARGEST_DIFFERENCE, Person, stance
@@ -451,8 +451,7 @@ def _contact_fields(
     clip: Clip, model: RobotModel, person: int, geometry_scale: float, contact: ContactKind
 ) -> dict[str, Any]:
     """Return the fields of `Targets` that follow from the clip's contacts."""
-    fingers = finger_contacts(clip, person) if contact == "surface" and model.spec.fingers else ()
-    clip = replace(clip, contacts=(*clip.contacts, *fingers))
+    clip = with_finger_contacts(clip, person) if contact == "surface" and model.spec.fingers else clip
     parts = _contact_parts(clip, model, person) if contact == "surface" else dict(model.spec.part_sites)
     flags, touched, points = _contacts(clip, parts, person, geometry_scale)
     carried_object, carried_points = _carried(flags, touched, points)
