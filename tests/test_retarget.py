@@ -436,7 +436,7 @@ def test_a_verdict_names_the_figures_that_it_does_not_have():
 
 def test_solving_enters_no_figure(monkeypatch):
     for name in ("figures_of", "unreached_contacts", "sunk_links", "surface_residuals"):
-        monkeypatch.setattr(f"hoi_retarget.retargeting.retarget.{name}", None)
+        monkeypatch.setattr(f"hoi_retarget.evaluation.{name}", None)
     clip = make("carry_box", seconds=2.0)
     solution = solve(clip, G1, Config(solver=KeepStart()))
     assert solution.motion.report.figures == {} and solution.stages[-1].qpos is solution.motion.qpos

@@ -144,7 +144,7 @@ def test_link_whose_colours_are_meshes_of_their_own_is_one_solid(tmp_path, piece
 def test_fingers_that_are_held_are_part_of_the_hand(tmp_path, monkeypatch):
     """Bodies without joints move with the link that they hang on: its skin is theirs."""
     coarse = SkinResolution(nodes=0.01, ball=0.015, spacing=0.03, grid=0.02)
-    monkeypatch.setattr("hoi_retarget.robots.collision_skin.resolution_of", lambda *_: coarse)
+    monkeypatch.setattr("hoi_retarget.robots.outer_skin.resolution_of", lambda *_: coarse)
     box = '<geom type="box" size="0.1 0.15 0.3"/>'
     finger = '<geom type="capsule" size="0.02 0.1" pos="0 0 0.1"/>'
     model, here = tiny_robot(tmp_path), 'pos="0.2 0.1 0" quat="1 1 0 0"'

@@ -96,11 +96,11 @@ class PhysicsScene:
             if item.path is None:
                 found[index] = np.concatenate([positions[:, index], quats[:, index]], axis=1)
             elif item.path.joint.kind != "fixed":
-                parent, part = (
-                    ObjectTrack(one.body_name, positions[:, place], quats[:, place], ObjectGeometry(one.corners))
-                    for place, one in ((item.parent, self.objects[item.parent]), (index, item))
+                tracks = (
+                    ObjectTrack(item.body_name, positions[:, place], quats[:, place], ObjectGeometry(item.corners))
+                    for place in (item.parent, index)
                 )
-                found[index] = path_of(item.path.joint, parent, part).states[:, None]
+                found[index] = path_of(item.path.joint, *tracks).states[:, None]
         return found
 
 
@@ -135,11 +135,10 @@ def _hung(motion: Motion, recorded: Sequence[ObjectTrack], item: SceneObject, in
     joint = recorded[index].joint
     if joint is None:
         return item
-    part = replace(recorded[index], positions=motion.object_pos[:, index], quats=motion.object_quat[:, index])
-    origin = replace(part, positions=np.zeros((motion.frames, 3)), quats=np.tile(se3.IDENTITY_QUAT, (motion.frames, 1)))
-    if parent >= 0:
-        origin = replace(origin, positions=motion.object_pos[:, parent], quats=motion.object_quat[:, parent])
-    return replace(item, parent=parent, path=path_of(scaled(joint, item.scale), origin, part))
+    still = np.zeros((motion.frames, 3)), np.tile(se3.IDENTITY_QUAT, (motion.frames, 1))
+    places = [(motion.object_pos[:, one], motion.object_quat[:, one]) if one >= 0 else still for one in (parent, index)]
+    tracks = (replace(recorded[index], positions=position, quats=quat) for position, quat in places)
+    return replace(item, parent=parent, path=path_of(scaled(joint, item.scale), *tracks))
 
 
 def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:

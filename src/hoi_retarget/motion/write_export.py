@@ -22,6 +22,7 @@ from hoi_retarget.motion.formats.lerobot import NAME as LEROBOT
 from hoi_retarget.motion.formats.lerobot import write_lerobot
 from hoi_retarget.motion.formats.ros_messages import NAME as MCAP
 from hoi_retarget.motion.formats.ros_messages import write_messages
+from hoi_retarget.motion.formats.sonic import LIBRARY, write_library
 from hoi_retarget.motion.links import held_joints
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.resample import ResampledMotion, resample
@@ -34,6 +35,7 @@ FOLDERS: Mapping[str, Callable[[Sequence[Result], float | None], dict[str, bytes
     LEROBOT: write_lerobot,
     ISAAC_LAB: write_demonstrations,
     MCAP: write_messages,
+    LIBRARY: write_library,
 }
 """By name, the formats of many results in one folder."""
 NAMES: tuple[str, ...] = (*WRITABLE, *FOLDERS)  # Names of all formats that can be written.

@@ -142,10 +142,6 @@ def _in_parent(parent: ObjectTrack, part: ObjectTrack) -> tuple[Float[np.ndarray
     return se3.rotate(back, part.positions - parent.positions), turns
 
 
-def _fixed(parent: str, position: np.ndarray, quat: np.ndarray) -> ObjectJoint:
-    return ObjectJoint(parent, "fixed")
-
-
 def _slide(parent: str, position: np.ndarray, quat: np.ndarray) -> ObjectJoint | None:
     way = position - position.mean(axis=0)
     axis = np.linalg.svd(way, full_matrices=False)[2][0]
@@ -175,4 +171,4 @@ def _sign(states: Float[np.ndarray, "T"]) -> float:
     return 1.0 if states[np.abs(states).argmax()] >= 0.0 else -1.0
 
 
-_FITS = {"fixed": _fixed, "hinge": _hinge, "slide": _slide}
+_FITS = {"fixed": lambda parent, _position, _quat: ObjectJoint(parent, "fixed"), "hinge": _hinge, "slide": _slide}

@@ -67,17 +67,12 @@ def _tracks(
             data.qpos[compiled.jnt_qposadr[joint]] = stored.joint_pos[frame, column]
         mujoco.mj_kinematics(compiled, data)
         pose[:, :3], pose[:, 3:] = data.xpos[below], data.xquat[below]
-    back, own = se3.quat_conjugate(poses[:, :1, 3:]), poses[:, :, :3] - poses[:, :1, :3]
-    places = path.pos[:, None] + se3.rotate(path.quat[:, None], se3.rotate(back, own))
+    back, ways = se3.quat_conjugate(poses[:, :1, 3:]), poses[:, :, :3] - poses[:, :1, :3]
+    places = path.pos[:, None] + se3.rotate(path.quat[:, None], se3.rotate(back, ways))
     turns = se3.quat_multiply(path.quat[:, None], se3.quat_multiply(back, poses[:, :, 3:]))
+    own = [(_geometry(place, compiled, body), _joint(compiled, body) if body != root else None) for body in below]
     return tuple(
-        ObjectTrack(
-            compiled.body(body).name,
-            places[:, index],
-            turns[:, index],
-            _geometry(place, compiled, body),
-            _joint(compiled, body) if index else None,
-        )
+        ObjectTrack(compiled.body(body).name, places[:, index], turns[:, index], *own[index])
         for index, body in enumerate(below)
     )
 
@@ -98,25 +93,25 @@ def _joint(compiled: mujoco.MjModel, body: int) -> ObjectJoint:
 
 
 def _geometry(place: Path, compiled: mujoco.MjModel, body: int) -> ObjectGeometry:
-    import trimesh  # noqa: PLC0415  # takes a third of a second
+    from trimesh import creation  # noqa: PLC0415  # takes a third of a second
 
+    kinds = mujoco.mjtGeom
+    makers = {
+        int(kinds.mjGEOM_BOX): lambda size: creation.box(extents=2.0 * size),
+        int(kinds.mjGEOM_SPHERE): lambda size: creation.icosphere(radius=size[0]),
+        int(kinds.mjGEOM_CAPSULE): lambda size: creation.capsule(radius=size[0], height=2.0 * size[1]),
+        int(kinds.mjGEOM_CYLINDER): lambda size: creation.cylinder(radius=size[0], height=2.0 * size[1]),
+    }
     points, faces, count = [], [], 0
     for geom in np.flatnonzero(compiled.geom_bodyid == body).tolist():
-        size, made = compiled.geom_size[geom], None
-        kind = compiled.geom_type[geom]
-        if kind == mujoco.mjtGeom.mjGEOM_MESH:
-            made = mesh_of(compiled, geom)
-        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-            made = trimesh.creation.box(extents=2.0 * size)
-        elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-            made = trimesh.creation.icosphere(radius=size[0])
-        elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-            made = trimesh.creation.capsule(radius=size[0], height=2.0 * size[1])
-        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            made = trimesh.creation.cylinder(radius=size[0], height=2.0 * size[1])
-        if made is None:
+        kind = int(compiled.geom_type[geom])
+        if kind == kinds.mjGEOM_MESH:
+            vertices, triangles = mesh_of(compiled, geom)
+        elif kind in makers:
+            made = makers[kind](compiled.geom_size[geom])
+            vertices, triangles = np.array(made.vertices), np.array(made.faces)
+        else:
             continue
-        vertices, triangles = made if isinstance(made, tuple) else (np.array(made.vertices), np.array(made.faces))
         points.append(compiled.geom_pos[geom] + se3.rotate(compiled.geom_quat[geom], vertices))
         faces.append(triangles + count)
         count += len(vertices)

@@ -157,29 +157,17 @@ def _coordinates(resampled: ResampledMotion, scene: physics_scene.PhysicsScene) 
     qpos, qvel = [resampled.qpos], [resampled.root_lin_vel, root_spin, resampled.joint_vel]
     for index, own in scene.object_qpos(resampled.object_pos, resampled.object_quat).items():
         qpos.append(own)
-        qvel.append(speeds[:, index] if scene.objects[index].path is None else _slopes(own))
+        qvel.append(speeds[:, index] if scene.objects[index].path is None else np.gradient(own, 1.0 / RATE, axis=0))
     return np.concatenate(qpos, axis=1), np.concatenate(qvel, axis=1)
-
-
-def _slopes(states: Float[np.ndarray, "T 1"]) -> Float[np.ndarray, "T 1"]:
-    """Return the velocities of a joint [rad/s, m/s]."""
-    return np.gradient(states, 1.0 / RATE, axis=0)
-
-
-def _joint_states(resampled: ResampledMotion, scene: physics_scene.PhysicsScene) -> Float[np.ndarray, "2 T O"]:
-    """Return states and velocities of the joints of objects; zero where there is none."""
-    found = np.zeros((2, resampled.frames, len(scene.objects)))
-    for index, own in scene.object_qpos(resampled.object_pos, resampled.object_quat).items():
-        if scene.objects[index].path is not None:
-            found[:, :, index] = own[:, 0], _slopes(own)[:, 0]
-    return found
 
 
 def _arrays(resampled: ResampledMotion, states: _States, scene: physics_scene.PhysicsScene) -> dict[str, np.ndarray]:
     """Return the arrays of mjlab's tracking task, and behind them objects and contacts."""
     contacts = contact_arrays(resampled, {})
     names = ("contact_links", "contact_bodies", "contact_body_points", "contact_flags", "contact_object")
-    states_of_joints = _joint_states(resampled, scene)
+    angles = np.zeros((resampled.frames, len(scene.objects)))  # Of objects on joints.
+    for index, own in scene.object_qpos(resampled.object_pos, resampled.object_quat).items():
+        angles[:, index] = own[:, 0] if own.shape[1] == 1 else 0.0
     return {
         "fps": np.array([RATE]),
         "joint_names": np.array(resampled.motion.joint_names, dtype=np.str_),
@@ -194,8 +182,8 @@ def _arrays(resampled: ResampledMotion, states: _States, scene: physics_scene.Ph
         "object_quat_w": resampled.object_quat,
         "object_lin_vel_w": resampled.object_lin_vel,
         "object_ang_vel_w": resampled.object_ang_vel,
-        "object_joint_pos": states_of_joints[0],
-        "object_joint_vel": states_of_joints[1],
+        "object_joint_pos": angles,
+        "object_joint_vel": np.asarray(np.gradient(angles, 1.0 / RATE, axis=0)),
         **{name: contacts[name] for name in names},
     }
 

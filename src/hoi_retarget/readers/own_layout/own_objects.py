@@ -146,16 +146,14 @@ def _joint(arrays: Arrays, index: int, tracks: Sequence[ObjectTrack]) -> ObjectJ
         raise ClipError(f"{arrays.path}: object_{index}_parent is {ascii(parent)[:40]}, which is no other object.")
     axis, anchor = (f"object_{index}_{name}" for name in ("axis", "anchor"))
     if axis not in arrays:
-        joint = fitted_joint(known[parent], part, kind) if parent else ObjectJoint(parent, kind)
-        if joint is None:
-            raise ClipError(
-                f"{arrays.path}: {part.name!r} does not move as on a {kind} in the frame of {parent!r}, within "
-                f"{1e3 * MAX_OFF:g} mm and {MAX_OFF_DEG:g} deg, or too little to find its axis. Name another joint, or "
-                f"give {axis} and {anchor}."
-            )
-        return joint
-    vectors = [arrays.array(name, NUMBERS, (3,), "in its parent's frame").tolist() for name in (axis, anchor)]
-    joint = ObjectJoint(parent, kind, tuple(vectors[0]), tuple(vectors[1]))
+        if (joint := fitted_joint(known[parent], part, kind) if parent else ObjectJoint(parent, kind)) is not None:
+            return joint
+        raise ClipError(
+            f"{arrays.path}: {part.name!r} does not move as on a {kind} of {parent!r}, within {1e3 * MAX_OFF:g} mm and "
+            f"{MAX_OFF_DEG:g} deg, or too little to find its axis. Name another joint, or give {axis} and {anchor}."
+        )
+    given = (arrays.array(name, NUMBERS, (3,), "in its parent's frame").tolist() for name in (axis, anchor))
+    joint = ObjectJoint(parent, kind, *map(tuple, given))
     off, turned = distance_from(path_of(joint, known[parent], part), known[parent], part) if parent else (0.0, 0.0)
     if off > MAX_OFF or turned > MAX_OFF_DEG:
         raise ClipError(
