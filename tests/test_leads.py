@@ -17,8 +17,9 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
-from short_clips import cut
+from short_clips import cut, taken
 from synthetic import make
+from synthetic.jointed import open_laptop
 
 PARENTS = [JOINT_INDEX[PARENT[joint]] for joint in JOINTS[1:]]
 BOX = make("carry_box")
@@ -124,3 +125,16 @@ def test_a_robot_that_is_led_stands_and_touches_as_before():
     frames = round(clip.fps)
     assert not motion.contact_flags[:frames].any()
     assert np.ptp(motion.qpos[: frames // 2, 2]) < 0.05
+
+
+@pytest.mark.parametrize("hinged", [True, False])
+def test_an_object_that_is_touched_where_it_rests_is_not_held(hinged):
+    clip, _ = open_laptop()
+    begun = taken(clip, np.arange(43, clip.frames))  # The hand is at the lid, which is closed yet.
+    lid, base, stand = begun.objects
+    lid = lid if hinged else replace(lid, joint=None)
+    led = with_leads(replace(begun, objects=(lid, base, stand)), 1.0, 0.0)
+    assert led.frames == begun.frames + 30
+    alone = replace(begun, objects=(replace(lid, joint=None),))
+    with pytest.raises(ClipError, match="held in the air"):
+        with_leads(alone, 1.0, 0.0)

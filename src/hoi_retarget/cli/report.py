@@ -22,21 +22,11 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.studio.report import rows as report_rows
 from hoi_retarget.studio.report.discover import find, read_manifests
 from hoi_retarget.studio.report.motion_pages import MotionPage, MotionPages
 from hoi_retarget.studio.report.open_motion import open_motion
 from hoi_retarget.studio.report.page import report_page
-from hoi_retarget.studio.report.rows import (
-    LIGHTS,
-    STATES,
-    Row,
-    read_row,
-    to_csv,
-    to_json,
-    to_parquet,
-    worst_first,
-    worst_frame,
-)
 from hoi_retarget.studio.scene.scene import SceneItem, group_people
 from hoi_retarget.studio.scene.subplots import names_together, title_together
 from hoi_retarget.studio.share.clip_page import BackLink, ClipPage, make_clip_page
@@ -91,7 +81,7 @@ def execute_report(command: WriteReport) -> int:
     model = load_robot(command.robot)
     with Working("judging", len(motions)) as working:
         for name, path in motions.items():
-            rows.append(read_row(name, path, model, lineages.get(path.resolve()), reference))
+            rows.append(report_rows.read_row(name, path, model, lineages.get(path.resolve()), reference))
             working.advance()
     pages = _write_pages(rows, model, command)
     rows.sort(key=lambda row: row.file)
@@ -105,10 +95,12 @@ def execute_report(command: WriteReport) -> int:
     return 1 if command.strict and bad else 0
 
 
-def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: WriteReport) -> dict[str, MotionPage]:
+def _write_pages(
+    rows: Sequence[report_rows.Row], foreign_robot: RobotModel, command: WriteReport
+) -> dict[str, MotionPage]:
     """Write the pages of the worst motions; return them by the rows' files."""
     pages = MotionPages(command.out, command.title)
-    chosen = [row for row in worst_first(rows) if row.path is not None][: command.pages]
+    chosen = [row for row in report_rows.worst_first(rows) if row.path is not None][: command.pages]
     together = _together(rows)
     back = BackLink(command.title, f"../{_PAGE}")
     with Working("pages", len(chosen)) as working:
@@ -123,18 +115,22 @@ def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: WriteR
     return pages.pages
 
 
-def _together(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def _together(rows: Sequence[report_rows.Row]) -> dict[str, list[report_rows.Row]]:
     """Return the rows that share a page with each, itself included: robots that move the same objects."""
     found = sorted((row for row in rows if row.verdict is not None), key=lambda row: row.file)
     hosts = group_people([row.shared for row in found], [row.person for row in found])
-    groups: dict[int, list[Row]] = {}
+    groups: dict[int, list[report_rows.Row]] = {}
     for row, host in zip(found, hosts, strict=True):
         groups.setdefault(host, []).append(row)
     return {row.file: group for group in groups.values() for row in group}
 
 
 def _page_of(
-    worst: Row, rows: Sequence[Row], foreign_robot: RobotModel, objects: Path | None, back: BackLink
+    worst: report_rows.Row,
+    rows: Sequence[report_rows.Row],
+    foreign_robot: RobotModel,
+    objects: Path | None,
+    back: BackLink,
 ) -> tuple[ClipPage, int, list[float]] | None:
     """Return the page of motions that are shown together; None where they cannot be.
 
@@ -159,7 +155,7 @@ def _page_of(
         page = make_clip_page(title_together([row.name for row in rows]), results, back=back, notices=notices)
     except HoiRetargetError:
         return None
-    frames = [worst_frame(motion) for motion, _, _ in opened]
+    frames = [report_rows.worst_frame(motion) for motion, _, _ in opened]
     seconds = [frame / motion.fps for frame, (motion, _, _) in zip(frames, opened, strict=True)]
     return page, frames[list(rows).index(worst)], seconds
 
@@ -170,13 +166,13 @@ def _opened(path: Path, foreign_robot: RobotModel, objects: Path | None) -> tupl
     return motion, load_robot(motion.robot), drawable_clip(motion, partial(clip_of, objects=objects))
 
 
-def _write(out: Path, title: str, rows: Sequence[Row], pages: dict[str, MotionPage]) -> None:
+def _write(out: Path, title: str, rows: Sequence[report_rows.Row], pages: dict[str, MotionPage]) -> None:
     contents = {
         out / _PAGE: report_page(title, rows, pages).encode("utf-8", "replace"),
-        out / _TABLE: to_csv(rows),
-        out / "verdicts.json": to_json(rows),
+        out / _TABLE: report_rows.to_csv(rows),
+        out / "verdicts.json": report_rows.to_json(rows),
     }
-    parquet = to_parquet(rows)
+    parquet = report_rows.to_parquet(rows)
     if parquet is not None:
         contents[out / _PARQUET] = parquet
     write_together(contents)
@@ -185,18 +181,18 @@ def _write(out: Path, title: str, rows: Sequence[Row], pages: dict[str, MotionPa
         warn(f"{_PARQUET} is not written: it needs pyarrow. {install_hint('pyarrow')}")
 
 
-def _summarize(rows: Sequence[Row]) -> None:
+def _summarize(rows: Sequence[report_rows.Row]) -> None:
     counts: dict[str, Counter[str]] = {}
     physics: dict[str, Counter[str]] = {}
     for row in sorted(rows, key=lambda row: row.robot):
         counts.setdefault(row.robot or "-", Counter())[row.state] += 1
         physics.setdefault(row.robot or "-", Counter())[row.physics] += 1
-    lights = [light for light in LIGHTS if any(count[light] for count in physics.values())]
-    heads = ("robot", "files", *STATES, *(f"physics {light}" for light in lights))
+    lights = [light for light in report_rows.LIGHTS if any(count[light] for count in physics.values())]
+    heads = ("robot", "files", *report_rows.STATES, *(f"physics {light}" for light in lights))
     lines = [
         (
             *(name, str(sum(count.values()))),
-            *(str(count[state]) for state in STATES),
+            *(str(count[state]) for state in report_rows.STATES),
             *(str(physics[name][light]) for light in lights),
         )
         for name, count in counts.items()

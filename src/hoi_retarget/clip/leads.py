@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.supports import supports
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.leg_reach import ANKLES, PARENTS, bend_leg, knee_side, leg_lengths, lower_to_reach
 from hoi_retarget.human.person import Person, stance
@@ -42,10 +43,12 @@ def with_leads(clip: Clip, before: float, after: float) -> Clip:
 
 
 def _check_rest(clip: Clip, option: str, frame: str) -> None:
-    touched = {track.object for track in clip.contacts if track.active[0]}
+    # What lies on another object, or hangs on one, is not held.
+    carried = supports(clip.objects, clip.fps).carriers[0] >= 0 if clip.objects else ()
+    held = {track.object for track in clip.contacts if track.active[0] and not carried[track.object]}
     for index, track in enumerate(clip.objects):
         speed = float(np.linalg.norm(track.positions[1] - track.positions[0]) * clip.fps)
-        if speed > LARGEST_SPEED or (index in touched and track.lowest[0] > HELD_HEIGHT):
+        if speed > LARGEST_SPEED or (index in held and not track.joint and track.lowest[0] > HELD_HEIGHT):
             how = f"moves at {speed:.2f} m/s" if speed > LARGEST_SPEED else "is held in the air"
             raise ClipError(
                 f"clip {clip.name!r}: the {track.name} {how} in its {frame} frame, so nobody can stand at rest beside "

@@ -21,17 +21,7 @@ from hoi_retarget.errors import RobotError
 from hoi_retarget.kernels import tree_sums
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
-from hoi_retarget.robots.frames import (
-    Attachments,
-    Frame,
-    Geometries,
-    Inertias,
-    bodies_of,
-    geometries_of,
-    inertias_of,
-    sites_of,
-    tree_of,
-)
+from hoi_retarget.robots import frames as robot_frames
 from hoi_retarget.robots.mjcf import compile_mjcf
 from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS, RobotSpec
 
@@ -59,15 +49,15 @@ class RobotModel:
     """`R(theta) = [0] + [1] cos(theta) + [2] sin(theta)`: node to parent rotation."""
     axes: Float[np.ndarray, "3 n"]
     """Hinge axis in its node's frame."""
-    bodies: Attachments
+    bodies: robot_frames.Attachments
     """Bodies with mass, in MuJoCo's order."""
-    inertias: Inertias
+    inertias: robot_frames.Inertias
     """Of those bodies."""
-    geometries: Geometries
-    sites: Attachments
+    geometries: robot_frames.Geometries
+    sites: robot_frames.Attachments
     site_bodies: tuple[str, ...]
     """Body that carries each site."""
-    body_frames: Attachments
+    body_frames: robot_frames.Attachments
     """All bodies, those without mass included."""
     levels: tuple[Int[np.ndarray, "_"], ...]
     """Hinges by depth; all of one level can be computed at once."""
@@ -172,8 +162,8 @@ class Kinematics:
     qpos: Float[np.ndarray, "T nq"]
     node_position: Float[np.ndarray, "3 N T"]
     node_rotation: Float[np.ndarray, "3 3 N T"]
-    _points: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
-    _orientations: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _points: dict[robot_frames.Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _orientations: dict[robot_frames.Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
     def window(self, frames: slice) -> "Kinematics":
         """Return the poses in some frames."""
@@ -185,9 +175,9 @@ class Kinematics:
         for start in range(first, len(self.qpos), _KEPT_FRAMES):
             yield self.window(slice(start, start + _KEPT_FRAMES))
 
-    def frame(self, site: str | Frame) -> Frame:
+    def frame(self, site: str | robot_frames.Frame) -> robot_frames.Frame:
         """Return a site's frame by its name, or the given frame; raises `RobotError` when there is no such site."""
-        if isinstance(site, Frame):
+        if isinstance(site, robot_frames.Frame):
             return site
         try:
             return self.model.sites.frames[site]
@@ -196,7 +186,7 @@ class Kinematics:
                 f"{self.model.spec.name}: no site {site!r}. Sites: {', '.join(self.model.site_names)}."
             ) from None
 
-    def point(self, site: str | Frame) -> Float[np.ndarray, "3 T"]:
+    def point(self, site: str | robot_frames.Frame) -> Float[np.ndarray, "3 T"]:
         """Return the world position of a site or another frame [m], time last."""
         frame = self.frame(site)
         if frame not in self._points:
@@ -204,7 +194,7 @@ class Kinematics:
             self._points[frame] = self.node_position[:, frame.node] + offset
         return self._points[frame]
 
-    def orientation(self, site: str | Frame) -> Float[np.ndarray, "3 3 T"]:
+    def orientation(self, site: str | robot_frames.Frame) -> Float[np.ndarray, "3 3 T"]:
         """Return the world rotation matrices of a site or another frame, time last."""
         frame = self.frame(site)
         if frame in self._orientations:
@@ -250,7 +240,7 @@ class Kinematics:
         axes[:3, 6:] = _cross(lever, angular)
         return axes
 
-    def jacobian(self, site: str | Frame) -> Float[np.ndarray, "T 6 nv"]:
+    def jacobian(self, site: str | robot_frames.Frame) -> Float[np.ndarray, "T 6 nv"]:
         """Return the Jacobian of the world twist of a site or another frame, linear [m], then angular [rad]."""
         moved = np.concatenate([np.ones(6), self.model.supports[1:, self.frame(site).node]])
         axes = self.motion_axes * moved[:, None]
@@ -268,8 +258,8 @@ def load_model(spec: RobotSpec) -> RobotModel:
     _check_joints(spec, compiled)
     hinges = np.flatnonzero(compiled.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
     names = tuple(compiled.joint(int(joint)).name for joint in hinges)
-    tree = tree_of(compiled)
-    bodies, sites = bodies_of(compiled, tree), sites_of(compiled, tree)
+    tree = robot_frames.tree_of(compiled)
+    bodies, sites = robot_frames.bodies_of(compiled, tree), robot_frames.sites_of(compiled, tree)
     _check_names(spec, names, {name for name, _ in sites})
     before = [tree.hinges[int(joint)] for joint in hinges]
     axes = compiled.jnt_axis[hinges]
@@ -293,12 +283,14 @@ def load_model(spec: RobotSpec) -> RobotModel:
         offsets=frozen(np.transpose([frame.position for frame in before])),
         hinge_rotations=frozen(np.transpose(rotations, (1, 2, 3, 0))),
         axes=frozen(axes.T),
-        bodies=Attachments.named(frame for frame, mass in zip(bodies, compiled.body_mass[1:], strict=True) if mass > 0),
-        inertias=inertias_of(compiled),
-        geometries=geometries_of(compiled, tree),
-        sites=Attachments.named(sites),
+        bodies=robot_frames.Attachments.named(
+            frame for frame, mass in zip(bodies, compiled.body_mass[1:], strict=True) if mass > 0
+        ),
+        inertias=robot_frames.inertias_of(compiled),
+        geometries=robot_frames.geometries_of(compiled, tree),
+        sites=robot_frames.Attachments.named(sites),
         site_bodies=tuple(compiled.body(body).name for body in compiled.site_bodyid),
-        body_frames=Attachments.named(bodies),
+        body_frames=robot_frames.Attachments.named(bodies),
         levels=tuple(frozen(np.flatnonzero(depth[1:] == level), int) for level in range(1, depth.max() + 1)),
         supports=frozen(_supports(parents)),
     )
