@@ -18,7 +18,7 @@ from hoi_retarget.batch.specification import of_folder
 from hoi_retarget.cli import main
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import FINGER_PARTS, PARTS
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.readers import read_clip
@@ -166,7 +166,7 @@ def test_several_objects_are_described(folder, writer):
     write_box(folder / "objects", "desk")
     facts = inspect(folder / "clip.pt", ReadOptions(objects=folder / "objects"))
     assert [item.has_geometry for item in facts.objects] == [True, True]
-    assert len(facts.contacts) == 2 * len(PARTS)
+    assert len(facts.contacts) == 2 * len(PARTS) + 2 * len(FINGER_PARTS)  # All joints of hands are labelled.
     assert any("lid" in note for note in facts.notes)
     assert any("Pour" in note for note in facts.notes)
 

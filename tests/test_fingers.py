@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from finger_robot import FINGERS, finger_robot
 from hoi_retarget.clip.clip import ContactTrack
-from hoi_retarget.clip.label_contacts import CAPSULE_FINGERS, finger_contacts, of_part
+from hoi_retarget.clip.label_contacts import CAPSULE_FINGERS, ON_SURFACE, finger_contacts, of_part
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import evaluate
 from hoi_retarget.human.skeleton import FINGER_PARTS
@@ -29,6 +29,7 @@ from hoi_retarget.retargeting.targets import finger_touch, make_targets
 from hoi_retarget.retargeting.trajopt.terms.posture import coupling_terms
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.adding.build import build_robot
+from hoi_retarget.robots.adding.description import read_description
 from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES, HeldJoint
@@ -120,6 +121,20 @@ def test_joints_that_follow_others_are_found_as_such_and_follow(coupled, tmp_pat
     assert np.abs(other).max() > 0.1 and joint == pytest.approx(0.8 * other + 0.05, abs=1e-12)
 
 
+def test_fingers_whose_file_states_no_effort_for_any_are_driven(model, monkeypatch):
+    fingers = tuple(name for name in model.joint_names if name not in load_robot("unitree_g1").joint_names)
+    found = read_description(model.spec.mjcf)
+    for passive, loose in (
+        (fingers, ()),
+        (fingers[:3], fingers[:3]),
+        ((*fingers, "waist_yaw_joint"), ("waist_yaw_joint",)),
+    ):
+        description = replace(found, passive=passive)
+        monkeypatch.setattr("hoi_retarget.robots.adding.build.read_description", lambda *_, it=description, **__: it)
+        built = build_robot(model.spec.mjcf, "found", Hints(fingers=True))
+        assert sorted(one.joint for one in built.spec.couplings) == sorted(loose)
+
+
 def test_a_robot_has_a_term_for_each_joint_that_follows_another(coupled):
     still = coupled.forward(np.tile(coupled.home_qpos, (3, 1)))
     (term,) = coupling_terms(Weights(), targets(), still)
@@ -161,6 +176,19 @@ def test_recorded_contacts_of_fingers_are_taken_as_they_are_and_written(tmp_path
     again = open_clip(tmp_path / "clip.npz")
     (track,) = [track for track in again.contacts if track.part == "left_thumb"]
     assert np.array_equal(track.active, own.active)
+
+
+def test_points_of_labelled_fingers_off_the_surface_become_its_nearest():
+    surface, person = surface_of(clip().objects[0].geometry), clip().people[0]
+    hand = next(one for one in clip().contacts if one.part == "left_hand")
+    joint = clip().objects[0].to_object(person.part_position("left_index"))
+    labelled = ContactTrack(0, 0, "left_index", hand.active, joint)
+    assert surface.distances(joint[hand.active]).max() > ON_SURFACE
+    (found,) = finger_contacts(replace(clip(), contacts=(*clip().contacts, labelled)), 0)
+    assert np.array_equal(found.active, labelled.active)
+    assert surface.distances(found.contact_points[found.active]).max() < 1e-6
+    _, nearest = of_part(person, "left_index", clip().objects)[0]
+    np.testing.assert_array_equal(found.contact_points[found.active], nearest[found.active])
 
 
 def test_fingers_lead_a_hand_in_whole_runs_of_its_contact(model):

@@ -1,6 +1,6 @@
 """The morphology of a description: its joints and links assigned to a person's, and the sites, in its zero pose."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -78,7 +78,7 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
     sites |= {name: PlacedSite(finger.part, finger.pad, finger.rotation) for name, finger in fingers.items()}
     driven = {pose.name(joint) for chain in limbs.arms for joint in finger_joints(chain)}
     following = [one for one in pose.loose if one.other in driven]
-    couplings = (*pose.loose, *_broken_couplings(pose, limbs), *_passive_joints(pose))
+    couplings = (*pose.loose, *_broken_couplings(pose, limbs), *_passive_joints(pose, driven))
     what = f"{stature:.2f} m; the hips are {height:.2f} m high, of which {STATURE_BY_LEG} is taken"
     findings = (
         *description.findings,
@@ -330,10 +330,13 @@ def _broken_couplings(pose: ZeroPose, limbs: Limbs) -> Iterator[HeldJoint]:
             yield HeldJoint(one.other, "", 0.0, pose.zero_angle(pose.compiled.joint(one.other).id))
 
 
-def _passive_joints(pose: ZeroPose) -> Iterator[HeldJoint]:
+def _passive_joints(pose: ZeroPose, fingers: Collection[str]) -> Iterator[HeldJoint]:
+    # A file that gives no finger an effort leaves that of hands open.
+    passive = set(pose.description.passive)
+    passive -= passive & set(fingers) if passive.issuperset(fingers) else set()
     for part in pose.parts:
         for joint in part.hinges:
-            if pose.name(joint) in pose.description.passive:
+            if pose.name(joint) in passive:
                 yield HeldJoint(pose.name(joint), "", 0.0, pose.zero_angle(joint))
 
 
