@@ -72,11 +72,22 @@ def test_a_doors_panel_moves_by_the_files_angle(recorded):
 
 
 FAULTS = {
-    "includes": ("<worldbody>", '<include file="other.xml"/><worldbody>', r"names other files \(other.xml\)"),
-    "meshes elsewhere": ('vertex="0 0 0 .05 0 0 0 .05 0 0 0 .05"', 'file="/etc/passwd"', r"names other files \(/etc"),
-    "broken": ("</mujoco>", "", "door.xml"),
-    "no MJCF": ("freejoint", "screwjoint", "MuJoCo cannot compile it"),
-    "no shape": ('<geom type="mesh" mesh="knob"/>', "", "body 'knob' has no shape"),
+    "includes": ("<worldbody>", '<include file="other.xml"/><worldbody>', "it has <include file>"),
+    "meshes elsewhere": ('vertex="0 0 0 .05 0 0 0 .05 0 0 0 .05"', 'file="/etc/passwd"', "it has <mesh file>"),
+    "cube textures": ("<asset>", '<asset><texture type="cube" fileright="/etc/passwd"/>', "it has <texture fileright>"),
+    "much out of little": ("<geom type=", '<replicate count="10000"/><geom type=', "it has <replicate>"),
+    "height fields": ("<asset>", '<asset><hfield nrow="46000" ncol="46000" size="1 1 1 1"/>', "it has <hfield>"),
+    "folders": ('angle="radian"', 'angle="radian" meshdir="/etc"', "it has <compiler meshdir>"),
+    "no MJCF": ('type="sphere"', 'type="egg"', "MuJoCo cannot compile it"),
+    "no shape": ('<geom type="mesh" mesh="knob"/>', "", "'knob' has no shape"),
+    "huge": ('size="0.02"', 'size="1e300"', "one beyond 100 m"),
+    "two joints": (
+        'axis="0 0 1"/>',
+        'axis="0 0 1"/><joint type="slide"/>',
+        "'door' moves by more than one hinge or slide",
+    ),
+    "a ball": ("<joint name", '<joint type="ball" name', "'door' moves by more than one hinge or slide"),
+    "no name": ('<body name="knob"', "<body", "each of its own name"),
 }
 
 
@@ -89,6 +100,16 @@ def test_what_is_wrong_with_an_mjcf_is_told(fault, recorded, tmp_path):
     (tmp_path / "door.xml").write_text((folder / "door.xml").read_text().replace(old, new))
     with pytest.raises(GeometryError, match=said):
         read_clip(tmp_path, OPTIONS)
+
+
+@pytest.mark.parametrize("text", ["</mujoco>", "<annotation/>", "<mujoco><include file='a.xml'/></mujoco>"])
+def test_other_files_beside_a_motion_are_passed_over(text, recorded, tmp_path):
+    folder, _ = recorded
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "a.xml").write_text(text)
+    (tmp_path / "b.xml").mkdir()
+    assert len(read_clip(tmp_path, OPTIONS).objects) == 3
 
 
 def test_without_an_mjcf_shapes_are_asked_for_as_before(recorded, tmp_path):

@@ -22,16 +22,9 @@ from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
+from hoi_retarget.robots import fetched_meshes as mesh_sources
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.findings import Record, RobotFinding, read_hints
-from hoi_retarget.robots.fetched_meshes import (
-    SOURCES,
-    fetch_meshes,
-    fetched_meshes,
-    mesh_names,
-    read_folder,
-    remove_meshes,
-)
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.robot_check import check, has_errors
 from hoi_retarget.robots.robot_tables import joint_table, role_table
@@ -70,13 +63,13 @@ def execute_robots(command: commands.Robots) -> int:
 
 def _meshes(action: commands.FetchMeshes) -> int:
     spec = robot(action.name)
-    if spec.name not in SOURCES:
+    if spec.name not in mesh_sources.SOURCES:
         raise ArgumentError(
             f"{spec.name} was added from its maker's file, with the meshes that it found then. "
             "Add it again with --meshes DIR where some were missing."
         )
     if action.remove:
-        removed = remove_meshes(spec)
+        removed = mesh_sources.remove_meshes(spec)
         say(f"removed: {removed}" if removed else f"No meshes of {spec.name} were fetched.")
         return 0
     fetch_look(spec, action.folder)
@@ -89,12 +82,12 @@ def fetch_look(spec: RobotSpec, folder: Path | None = None) -> None:
     Raises `ReadError`: they cannot be fetched, or are not what was expected; `WriteError`: the user's folder cannot be
     written.
     """
-    source = SOURCES[spec.name]
-    read = source.read if folder is None else partial(read_folder, folder)
-    say(f"Fetching {len(mesh_names(spec))} meshes of {spec.title}: {folder or source.place}.")
+    source = mesh_sources.SOURCES[spec.name]
+    read = source.read if folder is None else partial(mesh_sources.read_folder, folder)
+    say(f"Fetching {len(mesh_sources.mesh_names(spec))} meshes of {spec.title}: {folder or source.place}.")
     say(f"Terms: {source.licence}.")
     with Working("fetching", None):
-        kept = fetch_meshes(spec, read, source.licence)
+        kept = mesh_sources.fetch_meshes(spec, read, source.licence)
     size = sum(path.stat().st_size for path in kept.iterdir()) / 1e6
     say(f"kept: {kept} ({size:.1f} MB). Pictures show them from now on.")
 
@@ -104,7 +97,7 @@ def fetch_look_once(spec: RobotSpec) -> None:
 
     A robot that was added has its own; a network that fails is a warning.
     """
-    if spec.name not in SOURCES or fetched_meshes(spec) is not None:
+    if spec.name not in mesh_sources.SOURCES or mesh_sources.fetched_meshes(spec) is not None:
         return
     try:
         fetch_look(spec)

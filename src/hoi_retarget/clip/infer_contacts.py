@@ -125,7 +125,7 @@ def _unheld(clip: Clip, near: tuple[PartObjectDistance, ...], *, inverse: bool, 
 def _held_inverted(clip: Clip, index: int) -> float:
     """Return the result of `_held` for inverted rotations of an object."""
     track = clip.objects[index]
-    inverted = replace(clip, objects=(replace(track, quats=se3.quat_conjugate(track.quats)),), contacts=())
+    inverted = replace(clip, objects=(replace(track, quats=se3.quat_conjugate(track.quats), joint=None),), contacts=())
     there = _at_hand(part_object_distances(inverted), 0)
     return float(there[is_moving(track, clip.fps)].mean())
 

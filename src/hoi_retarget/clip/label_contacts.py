@@ -71,8 +71,8 @@ class Proximity:
 
 PROXIMITY = Proximity()
 SKIN_FINGERS, CAPSULE_FINGERS = Proximity(touch=0.004, release=0.006), Proximity(touch=0.008, release=0.010)
-ON_SURFACE = 0.002  # [m]; of given points of fingers: those farther off are the places of joints.
 """Of fingers of a hand that touches, by skin and by capsules."""
+ON_SURFACE = 0.002  # [m]; of given points of fingers: those farther off are the places of joints.
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +142,12 @@ def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
 
 
 def _on_surface(human: Person, track: ContactTrack, touched: ObjectTrack) -> ContactTrack:
-    given = track.contact_points[track.active]
-    if not len(given) or surface_of(touched.geometry).distances(given).max() < ON_SURFACE:
+    surface, points = surface_of(touched.geometry), track.contact_points.copy()
+    if not track.active.any() or surface.distances(points[track.active]).max() < ON_SURFACE:
         return track
-    near = PartObjectDistance(track.person, track.object, track.part, *of_part(human, track.part, [touched])[0])
-    return replace(track, contact_points=_surface_points(near, track.active))
+    gaps, nearest = of_part(human, track.part, [touched])[0]
+    points[track.active] = surface.closest_points(points[track.active])
+    return replace(track, contact_points=np.where(np.isfinite(gaps)[:, None], nearest, points))
 
 
 def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:

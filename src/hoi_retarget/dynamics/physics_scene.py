@@ -14,6 +14,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -30,7 +31,7 @@ from hoi_retarget.dynamics.robot_parts import parts_by_body
 from hoi_retarget.errors import RobotError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.object_joint import JointPath, depth_first, parents_of, path_of, scaled
+from hoi_retarget.objects.object_joint import JointPath, depth_first, parents_of, path_of, root_of, scaled, world_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.model import RobotModel
@@ -135,10 +136,12 @@ def _hung(motion: Motion, recorded: Sequence[ObjectTrack], item: SceneObject, in
     joint = recorded[index].joint
     if joint is None:
         return item
-    still = np.zeros((motion.frames, 3)), np.tile(se3.IDENTITY_QUAT, (motion.frames, 1))
-    places = [(motion.object_pos[:, one], motion.object_quat[:, one]) if one >= 0 else still for one in (parent, index)]
-    tracks = (replace(recorded[index], positions=position, quats=quat) for position, quat in places)
-    return replace(item, parent=parent, path=path_of(scaled(joint, item.scale), *tracks))
+    part, above = (
+        replace(recorded[index], positions=motion.object_pos[:, one], quats=motion.object_quat[:, one])
+        for one in (index, parent)
+    )
+    above = above if parent >= 0 else world_of(part)
+    return replace(item, parent=parent, path=path_of(scaled(joint, item.scale), above, part))
 
 
 def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
@@ -167,7 +170,17 @@ def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = 
         item = scene.objects[index]
         above = scene.objects[item.parent].body_name if item.parent >= 0 else ""
         add_object(description, item, physics, meshes, above=above)
+    _exclude_parts(description, scene)
     return description
+
+
+def _exclude_parts(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
+    """Keep parts of one object from pushing each other: a hull may lie over others."""
+    parents = [item.parent for item in scene.objects]
+    for one, other in combinations(range(len(parents)), 2):
+        first, second = (scene.objects[index].body_name for index in (one, other))
+        if root_of(parents, one) == root_of(parents, other) and description.body(first) and description.body(second):
+            description.add_exclude(bodyname1=first, bodyname2=second)
 
 
 def robot_description(scene: PhysicsScene) -> mujoco.MjSpec:
@@ -184,6 +197,7 @@ def object_description(scene: PhysicsScene, root: int) -> mujoco.MjSpec:
     for index in depth_first(parents, root):
         above = "" if index == root else scene.objects[parents[index]].body_name
         add_object(description, scene.objects[index], scene.physics, above=above)
+    _exclude_parts(description, scene)
     return description
 
 
@@ -276,8 +290,6 @@ def add_object(
     """
     node = (description.body(above) if above else description.worldbody).add_body(name=item.body_name)
     _add_joint(node, item)
-    if above:
-        description.add_exclude(bodyname1=above, bodyname2=item.body_name)
     node.explicitinertial = True
     node.mass, node.ipos = item.body.mass, item.body.centre
     inertia = item.body.inertia

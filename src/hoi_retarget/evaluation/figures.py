@@ -68,17 +68,10 @@ def evaluate(
 ) -> Mapping[str, float | None]:
     """Return the figures of a motion against the clip it was made from, by names that end in their units.
 
-    Args:
-        motion: The robot's motion; its frames are exactly the clip's.
-        clip: The human side.
-        model: The robot of the motion.
-        person: Index of the person that the robot follows.
-        figures: Which figures are computed.
-
-    Raises:
-        ClipError: The motion does not cover the clip's frames, rate and objects.
-        RobotError: The motion's joints are not the model's.
-        ArgumentError: There is no such person.
+    Args: `motion`: the robot's motion; its frames are exactly the clip's; `clip`: the human side; `model`: the robot of
+    the motion; `person`: index of the person that the robot follows; `figures`: which figures are computed. Raises
+    `ClipError`: the motion does not cover the clip's frames, rate and objects; `RobotError`: the motion's joints are
+    not the model's; `ArgumentError`: there is no such person.
     """
     check_robot(motion, model)
     return figures_of(Comparison(motion, clip, person, model.forward(motion.qpos)), figures)

@@ -65,17 +65,10 @@ def export(
 ) -> Exported:
     """Return a result's files in a format, with those beside them.
 
-    Args:
-        result: The result.
-        format: Its format.
-        name: Of the files, without suffix.
-        fps: Frames a second; by default those that the format's readers expect.
-        object_name: The object for the format's one place for it, where there are several.
-
-    Raises:
-        ArgumentError: The format knows the object not, or the rate is out of range.
-        ClipError: The motion has a single frame.
-        GeometryError: An object's mesh cannot be read.
+    Args: `result`: the result; `format`: its format; `name`: of the files, without suffix; `fps`: frames a second; by
+    default those that the format's readers expect; `object_name`: the object for the format's one place for it, where
+    there are several. Raises `ArgumentError`: the format knows the object not, or the rate is out of range;
+    `ClipError`: the motion has a single frame; `GeometryError`: an object's mesh cannot be read.
     """
     motion, model = result.motion, result.model
     chosen = _object(motion, format, object_name)
@@ -104,19 +97,12 @@ def write_export(  # noqa: PLR0913 - the last four are options
 ) -> tuple[Path, ...]:
     """Write a motion's files in a format into a folder, all of them or none, and return their paths.
 
-    Args:
-        motion: The motion.
-        to: Name of the format, such as `mjlab`; docs/exports.md has a table of them.
-        folder: Made when it does not exist.
-        name: Name of the files without suffix; by default `<clip>.<format>`.
-        clip: The clip the motion was made from: it knows the objects' surfaces.
-        fps: Frames a second; by default those that the format's readers expect.
-        stage: `ik`, `trajectory` or `physics`: the motion after it; by default the last.
-
-    Raises:
-        ArgumentError: There is no such format or stage, it does not know the robot, or the rate is out of range.
-        GeometryError: An object's mesh cannot be read.
-        WriteError: A file cannot be written.
+    Args: `motion`: the motion; `to`: name of the format, such as `mjlab`; docs/exports.md has a table of them;
+    `folder`: made when it does not exist; `name`: name of the files without suffix; by default `<clip>.<format>`;
+    `clip`: the clip the motion was made from: it knows the objects' surfaces; `fps`: frames a second; by default those
+    that the format's readers expect; `stage`: `ik`, `trajectory` or `physics`: the motion after it; by default the
+    last. Raises `ArgumentError`: there is no such format or stage, it does not know the robot, or the rate is out of
+    range; `GeometryError`: an object's mesh cannot be read; `WriteError`: a file cannot be written.
     """
     # A clip's name comes from a file: folders in it are left out.
     stem = PureWindowsPath(motion.report.clip).name or motion.robot

@@ -87,14 +87,26 @@ def fitted_joint(parent: ObjectTrack, part: ObjectTrack, kind: JointKind | None 
 
 
 def with_fitted_joints(tracks: Sequence[ObjectTrack]) -> tuple[ObjectTrack, ...]:
-    """Return objects in which `kettle_part1` hangs on `kettle_base`, as ParaHome names them, by joints that fit."""
+    """Return objects in which `kettle_part1` hangs on `kettle_base`, as ParaHome names them, by joints that fit.
+
+    Parts that lie still beside a base that does not move either are not known to be fixed to it.
+    """
     bases = {track.name.removesuffix("_base"): track for track in tracks if track.name.endswith("_base")}
     found = []
     for track in tracks:
         whole, _, part = track.name.rpartition("_")
         base = bases.get(whole) if part != "base" else None
-        found.append(track if base is None else replace(track, joint=fitted_joint(base, track)))
+        joint = None if base is None else fitted_joint(base, track)
+        if base is not None and joint and joint.kind == "fixed" and fitted_joint(world_of(base), base, "fixed"):
+            joint = None
+        found.append(replace(track, joint=joint))
     return tuple(found)
+
+
+def world_of(track: ObjectTrack) -> ObjectTrack:
+    """Return the world as the parent of an object that is fixed in it."""
+    frames = len(track.positions)
+    return replace(track, name="", positions=np.zeros((frames, 3)), quats=np.tile(se3.IDENTITY_QUAT, (frames, 1)))
 
 
 def scaled(joint: ObjectJoint, scale: float) -> ObjectJoint:
@@ -128,12 +140,18 @@ def parents_of(tracks: Sequence[ObjectTrack]) -> tuple[int, ...]:
 
 def depth_first(parents: Sequence[int], root: int = -1) -> list[int]:
     """Return the objects depth first, each behind its parent, as a tree of bodies has them; of one root, if given."""
+    found, waiting = [], [root]
+    while waiting:
+        found.append(waiting.pop())
+        waiting += [child for child in range(len(parents) - 1, -1, -1) if parents[child] == found[-1]]
+    return found[root < 0 :]
 
-    def below(index: int) -> list[int]:
-        children = [child for child, parent in enumerate(parents) if parent == index]
-        return [index, *(one for child in children for one in below(child))]
 
-    return below(root)[root < 0 :]
+def root_of(parents: Sequence[int], index: int) -> int:
+    """Return the object of which an object is a part, or a part's part; itself where it is none."""
+    while parents[index] >= 0:
+        index = parents[index]
+    return index
 
 
 def _in_parent(parent: ObjectTrack, part: ObjectTrack) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]:
@@ -167,8 +185,7 @@ def _hinge(parent: str, position: np.ndarray, quat: np.ndarray) -> ObjectJoint |
 
 
 def _sign(states: Float[np.ndarray, "T"]) -> float:
-    """Return the sign of the state that is farthest from zero."""
-    return 1.0 if states[np.abs(states).argmax()] >= 0.0 else -1.0
+    return 1.0 if states[np.abs(states).argmax()] >= 0.0 else -1.0  # Of the state that is farthest from zero.
 
 
 _FITS = {"fixed": lambda parent, _position, _quat: ObjectJoint(parent, "fixed"), "hinge": _hinge, "slide": _slide}

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hoi_retarget import readers as source_readers
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions, option_of
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, MeshError, ReadError
@@ -20,17 +21,6 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.readers import (
-    SUFFIXES,
-    can_be_clip,
-    listed,
-    reader_of,
-    readers,
-    recordings_below,
-    select,
-    undocumented,
-    why_no_clip,
-)
 from hoi_retarget.readers.intermimic import describe
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.readers.reader import Headline, Reader
@@ -97,13 +87,17 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
     `ArgumentError` where there is no clip of the name that follows the file's.
     """
     file = SourceFile(path)
-    if file.suffix == FOLDER and not can_be_clip(path, options.from_robot):
+    if file.suffix == FOLDER and not source_readers.can_be_clip(path, options.from_robot):
         return _describe_folder(path, options)
     robot = options.from_robot
     if robot is None and file.suffix == ".npz" and "schema" in file.array_names:
         return _describe_result(path, load(path))
     try:
-        reader = reader_of(file, robot) if robot is not None or file.suffix in SUFFIXES else None
+        reader = (
+            source_readers.reader_of(file, robot)
+            if robot is not None or file.suffix in source_readers.SUFFIXES
+            else None
+        )
     except ReadError:
         if (motion := _describe_robot_motion(path)) is None:
             raise
@@ -112,9 +106,9 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
         return _describe_recording(file, reader, options)
     if (motion := _describe_robot_motion(path)) is not None:
         return motion
-    problem = undocumented(path) or (
-        f"No reader fits. Supported: {', '.join(reader.format for reader in readers())}. docs/sources.md tells what "
-        "each reads, and how to write a clip of your own."
+    known = ", ".join(reader.format for reader in source_readers.readers())
+    problem = source_readers.undocumented(path) or (
+        f"No reader fits. Supported: {known}. docs/sources.md tells what each reads, and how to write your own clip."
     )
     return Inspection(str(path), UNKNOWN, _content(file), problems=(problem,))
 
@@ -136,9 +130,9 @@ def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) 
     names = reader.clips_in(file)
     if len(names) > 1 and file.selection is None:
         first = shlex.join(["hoi-retarget", "inspect", f"{file.name}{SELECTION}{names[0]}"])
-        notes = (f"Clips in it: {listed(names)}", f"One of them: {first}")
+        notes = (f"Clips in it: {source_readers.listed(names)}", f"One of them: {first}")
         return Inspection(str(file.name), reader.format, f"{len(names)} clips in one recording", notes=notes)
-    select(file, reader)
+    source_readers.select(file, reader)
     try:
         outline = reader.outline(file, ReadOptions(from_robot=options.from_robot))
     except (ClipError, ReadError) as error:
@@ -223,11 +217,11 @@ def _contradictions(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[Ob
 
 def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
     robot = options.from_robot
-    found = recordings_below(path, from_robot=robot)
+    found = source_readers.recordings_below(path, from_robot=robot)
     if not found and (motion := _describe_robot_motion(path)) is not None:
         return motion
     if not found:
-        problem = f"There is no clip in it or below. {why_no_clip(path)}"
+        problem = f"There is no clip in it or below. {source_readers.why_no_clip(path)}"
         return Inspection(str(path), UNKNOWN, "a folder", problems=(problem,))
     counted = ", ".join(
         f"{count} {name}" for name, count in Counter(_format_of(path, robot) for path in found).most_common()
@@ -238,7 +232,7 @@ def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
         str(path),
         "folder",
         f"{len(found)} recording{'s' if len(found) > 1 else ''}: {counted}{_headlines(found, robot)}",
-        notes=(f"Recordings in it: {listed(names)}",),
+        notes=(f"Recordings in it: {source_readers.listed(names)}",),
         command=_command("batch", path, shared),
     )
 
@@ -248,7 +242,7 @@ def _headlines(found: Iterable[Path], robot: str | None) -> str:
     facts: list[Headline] = []
     for file in map(SourceFile, found):
         with suppress(ReadError, ClipError):
-            if (reader := reader_of(file, robot)).headline_of is not None:
+            if (reader := source_readers.reader_of(file, robot)).headline_of is not None:
                 facts.append(reader.headline(file))
     if not facts:
         return ""
@@ -260,7 +254,7 @@ def _headlines(found: Iterable[Path], robot: str | None) -> str:
 
 def _format_of(path: Path, from_robot: str | None) -> str:
     try:
-        return reader_of(SourceFile(path), from_robot).format
+        return source_readers.reader_of(SourceFile(path), from_robot).format
     except ReadError:
         return "unreadable"
 

@@ -32,12 +32,9 @@ def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     Facts that the source leaves open are found from the motion, and are in the clip's notes. `FILE#NAME` is one clip of
     a file that holds several.
 
-    Raises:
-        ArgumentError: There is no such built-in clip.
-        ReadError: The file is missing, damaged, or of no supported format.
-        ClipError: Its content cannot be used.
-        GeometryError: The object's geometry cannot be had.
-        BodyModelError: The body model that it needs cannot be had.
+    Raises `ArgumentError`: there is no such built-in clip; `ReadError`: the file is missing, damaged, or of no
+    supported format; `ClipError`: its content cannot be used; `GeometryError`: the object's geometry cannot be had;
+    `BodyModelError`: the body model that it needs cannot be had.
     """
     clip, reader = _as_recorded(name, options)
     recorded = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=options.floor)

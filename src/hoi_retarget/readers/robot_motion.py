@@ -95,7 +95,7 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
 
 def _objects(file: SourceFile, options: ReadOptions, stored: MotionFile, path: ObjectPath) -> tuple[ObjectTrack, ...]:
     """Return an object with the shape that the options name, or with its parts by an MJCF beside the motion."""
-    if options.objects is None and (beside := objects_beside(file, stored, path)):
+    if options.objects is options.object_name is None and (beside := objects_beside(file, stored, path)):
         return beside
     name = options.object_name or path.name
     return (ObjectTrack(name, path.pos, path.quat, _geometry(file, options, path.name)),)
@@ -135,12 +135,14 @@ def _shapes(file: SourceFile, options: ReadOptions, motion: Motion) -> list[tupl
     """Return shapes and joints of a result's objects as captured: of its clip, or shapes of the named folder."""
     from hoi_retarget.readers.open import clip_of  # noqa: PLC0415  # it reads by way of this package
 
-    if options.objects is not None or not motion.object_names:
-        return [(_geometry(file, options, name), None) for name in motion.object_names]
+    named = [_geometry(file, options, name) for name in motion.object_names] if options.objects is not None else []
     try:
-        return [(track.geometry, track.joint) for track in clip_of(motion).objects]
+        recorded = clip_of(motion).objects if motion.object_names else ()
     except ReadError as error:
+        if named:
+            return [(shape, None) for shape in named]
         raise GeometryError(f"{file.name}: {error} Or pass --objects DIR with the shapes of its objects.") from error
+    return list(zip(named or [one.geometry for one in recorded], [one.joint for one in recorded], strict=True))
 
 
 def _at_size(shape: ObjectGeometry, scale: float) -> ObjectGeometry:

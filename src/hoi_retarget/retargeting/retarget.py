@@ -27,11 +27,8 @@ def retarget(clip: Clip, model: RobotModel, config: Config = Config(), *, person
 
     Raises `SolveError` where a window ends without a usable trajectory.
 
-    Args:
-        clip: The recording.
-        model: The robot.
-        config: Scales, weights, solvers, figures.
-        person: Index of the person that the robot follows.
+    `clip`: the recording; `model`: the robot; `config`: scales, weights, solvers, figures; `person`: index of the
+    person that the robot follows.
     """
     return judge(solve(clip, model, config, person=person), config.figures)
 
@@ -111,15 +108,9 @@ def retarget_people(
 ) -> tuple[Motion, ...]:
     """Return one motion per person of a clip, in one world with the same objects, robots outside each other.
 
-    Args:
-        clip: The recording.
-        models: One robot for all people, or one for each.
-        config: Scales, weights, solvers, figures.
-        command: How the clip was called and read, for the reports.
-
-    Raises:
-        ArgumentError: There are other numbers of robots and people.
-        SolveError: A window ends without a usable trajectory.
+    `clip`: the recording; `models`: one robot for all people, or one for each; `config`: scales, weights, solvers,
+    figures; `command`: how the clip was called and read, for the reports. Raises `ArgumentError`: there are other
+    numbers of robots and people; `SolveError`: a window ends without a usable trajectory.
     """
     motions = judge_team(solve_people(clip, models, config), config.figures)
     # Scalings that make different robots share one world follow from those of the configuration.

@@ -79,11 +79,8 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
 
     Raises `SolveError` where a window ends without a usable trajectory.
 
-    Args:
-        clip: The recording.
-        model: The robot.
-        config: Scales, weights, solvers.
-        person: Index of the person that the robot follows.
+    `clip`: the recording; `model`: the robot; `config`: scales, weights, solvers; `person`: index of the person that
+    the robot follows.
     """
     with one_thread():
         clock = [time.process_time()]
@@ -100,7 +97,11 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
             shared, simulated = (not_free(clip, person).any(axis=0), config.holds == "simulated" and clip.frames > 1)
             alone = np.flatnonzero(~shared).tolist() if simulated else ()
             # Of several objects one may carry another, and what people share is in one place for all.
-            one = config.object_path == "free" and len(clip.people) == len(clip.objects) == 1
+            one = (
+                config.object_path == "free"
+                and len(clip.people) == len(clip.objects) == 1
+                and not clip.objects[0].joint
+            )
             contacts = [track for track in clip.contacts if track.person == person]
             given = targets, model, ik_qpos, config.physics, alone
             targets, holds = with_holds(*given, gives_way=one, contacts=contacts)

@@ -22,7 +22,7 @@ from hoi_retarget.human.skeleton import LIMBS, trunk_rotations
 from hoi_retarget.motion.motion_report import PinnedPart
 from hoi_retarget.numerics import filters, se3
 from hoi_retarget.numerics.arrays import frozen, runs
-from hoi_retarget.objects.object_joint import depth_first, parents_of, path_of
+from hoi_retarget.objects.object_joint import depth_first, parents_of, path_of, root_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.retargeting.config import ContactKind, Scaling
 from hoi_retarget.retargeting.feet import Foot, anchor, anchor_weights, plant, resting_height, resting_tilt
@@ -356,39 +356,46 @@ def object_paths(
     `clip`: the recording; `root_scale`: human size to robot size; `geometry_scale`: size of the objects; `contact`:
     with surfaces, nothing is to be under the floor.
     """
+    paths = [track.positions for track in clip.objects]
     turns = [filters.smooth_quats(track.quats, clip.fps) for track in clip.objects]
-    paths = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
-    found, frames = supports(clip.objects, clip.fps), np.arange(clip.frames)
+    found, frames, parents = supports(clip.objects, clip.fps), np.arange(clip.frames), parents_of(clip.objects)
     # Of each object: its place less the recorded one, scaled; the second is after smoothing.
     shifts = np.zeros((2, clip.frames, len(clip.objects), 3))
-    for index in found.order:
-        track, path, carriers = clip.objects[index], paths[index], found.carriers[:, index]
+    for root in dict.fromkeys(root_of(parents, index) for index in found.order):
+        track, carriers, tree = clip.objects[root], found.carriers[:, root], depth_first(parents, root)
+        lowest = np.min([clip.objects[index].lowest for index in tree], axis=0)
+        path = _scale_track(track, lowest, root_scale, geometry_scale, clip.fps)
         recorded = geometry_scale * track.positions, geometry_scale * filters.smooth(track.positions, clip.fps)
-        of_carrier, carried = shifts[:, frames, carriers], carriers >= 0
+        of_carrier, carried = shifts[:, frames, carriers], (carriers >= 0) & ~np.isin(carriers, tree)
         if carried.any():
-            path = recorded[1] + _with_carriers(track, path - recorded[1], carried, of_carrier[1], clip.fps)
+            known = carried | (lowest < ON_FLOOR)
+            path = recorded[1] + _with_carriers(path - recorded[1], carried, of_carrier[1], known, clip.fps)
+        paths[root] = path
+        for index in tree[1:]:  # A part goes where its parent goes.
+            joint, parent = clip.objects[index].joint, parents[index]
+            assert joint is not None
+            way = path_of(joint, clip.objects[parent], clip.objects[index])
+            way = replace(way, states=filters.smooth(way.states[:, None], clip.fps)[:, 0])
+            paths[index], turns[index] = way.in_world(paths[parent], turns[parent], geometry_scale)
+        raised = np.zeros(clip.frames)
         if contact == "surface":
-            path = path + _lift_out(track, path, turns[index], geometry_scale, clip.fps)[:, None] * UP
+            ends = [_lowest(clip.objects[index], paths[index], turns[index], geometry_scale) for index in tree]
+            raised = filters.rate_limited_upper_envelope(np.maximum(-np.min(ends, axis=0), 0.0), clip.fps)
         if carried.any():
-            off = (path - recorded[0] - of_carrier[0])[:, 2]
-            path = path + _sharper(off, carried, clip.fps)[:, None] * UP
-        paths[index] = path
-        shifts[:, :, index] = path - recorded
-    parents = parents_of(clip.objects)
-    for index in depth_first(parents):
-        track, parent = clip.objects[index], parents[index]
-        if track.joint is not None and parent >= 0:  # A part goes where its parent went.
-            found = path_of(track.joint, clip.objects[parent], track)
-            found = replace(found, states=filters.smooth(found.states[:, None], clip.fps)[:, 0])
-            paths[index], turns[index] = found.in_world(paths[parent], turns[parent], geometry_scale)
+            off = (path - recorded[0] - of_carrier[0])[:, 2] + raised
+            raised = raised + _sharper(off, carried, clip.fps)
+        for index in tree:
+            own = clip.objects[index].positions
+            paths[index] = paths[index] + raised[:, None] * UP
+            shifts[:, :, index] = paths[index] - np.multiply(geometry_scale, [own, filters.smooth(own, clip.fps)])
     return paths, turns
 
 
 def _with_carriers(
-    track: ObjectTrack,
     alone: Float[np.ndarray, "T 3"],
     carried: Bool[np.ndarray, "T"],
     of_carrier: Float[np.ndarray, "T 3"],
+    known: Bool[np.ndarray, "T"],
     fps: float,
 ) -> Float[np.ndarray, "T 3"]:
     """Return how far an object is from its recorded, scaled place [m].
@@ -396,10 +403,9 @@ def _with_carriers(
     As far as its carrier is. In between it moves as an object that is alone, over a ground that goes from one carrier,
     or from the floor, to the next.
 
-    Args: `track`: the object; `alone`: the way if nothing carried it [m]; `carried`: when another object carries it;
-    `of_carrier`: the carrier's way [m]; `fps`: frames a second.
+    Args: `alone`: the way if nothing carried it [m]; `carried`: when another object carries it; `of_carrier`: the
+    carrier's way [m]; `known`: when that or the floor does; `fps`: frames a second.
     """
-    known = carried | (track.lowest < ON_FLOOR)
     return alone + filters.between_known(np.where(carried[:, None], of_carrier - alone, 0.0), known, fps)
 
 
@@ -412,30 +418,29 @@ def _sharper(off: Float[np.ndarray, "T"], carried: Bool[np.ndarray, "T"], fps: f
     return excess * filters.smoothstep_around(carried, filters.seconds_to_frames(SHARPER_SECONDS, fps))
 
 
-def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, fps: float) -> Float[np.ndarray, "T 3"]:
-    """Return the object's path: scaled about the world's origin, its lowest point's height included.
+def _scale_track(
+    track: ObjectTrack, lowest: Float[np.ndarray, "T"], root_scale: float, geometry_scale: float, fps: float
+) -> Float[np.ndarray, "T 3"]:
+    """Return the object's path: scaled about the world's origin, the height of its lowest point included [m].
 
     With geometry scaled by the root scale this is the paper's rule; with captured size it is
-    `z' = s z + (1 - s) d`, where `d` is the origin's height over the object's lowest point.
+    `z' = s z + (1 - s) d`, where `d` is the origin's height over the lowest point, that of parts included.
+
+    Args: `track`: the object; `lowest`: height of its lowest point [m]; `root_scale`: human size to robot size;
+    `geometry_scale`: size of the objects; `fps`: frames a second.
     """
-    drop = -track.geometry.lowest_along(se3.quat_to_matrix(track.quats)[:, 2])
-    lowest = root_scale * (track.positions[:, 2] - drop)
-    height = np.maximum(lowest, 0.0) + geometry_scale * drop
+    height = np.maximum(root_scale * lowest, 0.0) + geometry_scale * (track.positions[:, 2] - lowest)
     path = np.column_stack([root_scale * track.positions[:, :2], height])
     path_smooth = filters.smooth(path, fps)
     path_smooth[:, 2] = np.maximum(path_smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
     return path_smooth
 
 
-def _lift_out(
-    track: ObjectTrack, path: Float[np.ndarray, "T 3"], quats: Float[np.ndarray, "T 4"], scale: float, fps: float
+def _lowest(
+    track: ObjectTrack, path: Float[np.ndarray, "T 3"], quats: Float[np.ndarray, "T 4"], scale: float
 ) -> Float[np.ndarray, "T"]:
-    """Return the slowly changing lift that holds all of an object above the floor [m].
-
-    Its rotation is smoothed on its own: where it tips over an edge, the edge then dips into the floor by millimetres.
-    """
-    lowest = path[:, 2] + scale * track.geometry.lowest_along(se3.quat_to_matrix(quats)[:, 2])
-    return filters.rate_limited_upper_envelope(np.maximum(-lowest, 0.0), fps)
+    """Return the height of an object's lowest point [m]: turns are smoothed alone, and tips then dip by millimetres."""
+    return path[:, 2] + scale * track.geometry.lowest_along(se3.quat_to_matrix(quats)[:, 2])
 
 
 def _limbs(human: Person, objects: Sequence[ObjectTrack], scale: float) -> Float[np.ndarray, "T O L 2 3"]:

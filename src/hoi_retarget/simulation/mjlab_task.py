@@ -25,11 +25,12 @@ from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.motion.resample import ResampledMotion, resample
 from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.object_joint import root_of
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
 NAME = "mjlab-task"  # As `--to` has it.
-FORMAT = "hoi-retarget mjlab task 1"
+FORMAT = "hoi-retarget mjlab task 2"
 PACKAGE, TASKS = "hoi_retarget_mjlab", "tasks"
 RATE = 50.0  # Of the policy [1/s]; mjlab's environment makes four steps of 5 ms for each of its actions.
 _TIMESTEP = 0.005
@@ -212,7 +213,7 @@ def _description(
                 "body": item.body_name,
                 "mass": item.body.mass,
                 "shape": item.shape.text,
-                "root": _root(scene, index),
+                "root": root_of([one.parent for one in scene.objects], index),
                 "joint": "free" if item.path is None else item.path.joint.kind,
                 **_pose(_first_pose(resampled, index)),
             }
@@ -229,12 +230,6 @@ def _description(
         "most_constraints": 6 * most + 2 * model.n,  # Friction pyramids with torsion have six edges.
         **result.origin(),
     }
-
-
-def _root(scene: physics_scene.PhysicsScene, index: int) -> int:
-    """Return the index of the object of which an object is a part, or a part's part; its own where it is none."""
-    parent = scene.objects[index].parent
-    return index if parent < 0 else _root(scene, parent)
 
 
 def _joint(scene: physics_scene.PhysicsScene, index: int) -> dict[str, Any]:

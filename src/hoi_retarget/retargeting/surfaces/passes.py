@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns
+from hoi_retarget.retargeting.surfaces import surface_terms as between_surfaces
 from hoi_retarget.retargeting.surfaces.contact_targets import (
     RESTING_SITES,
     contact_sides,
@@ -22,14 +23,6 @@ from hoi_retarget.retargeting.surfaces.contact_targets import (
 )
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
-from hoi_retarget.retargeting.surfaces.surface_terms import (
-    Clearance,
-    Surfaces,
-    clearances,
-    free_depth,
-    surface_terms,
-    touching_skins,
-)
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.solvers.solver import Effort
@@ -66,7 +59,7 @@ class SurfaceProblems:
     targets: Targets
     ik_qpos: Float[np.ndarray, "T nq"]
     config: Config
-    surfaces: Surfaces
+    surfaces: between_surfaces.Surfaces
 
     @classmethod
     def of(
@@ -77,7 +70,7 @@ class SurfaceProblems:
         Raises `GeometryError` where an object's mesh cannot be read.
         """
         objects = moving_objects(targets)
-        surfaces = Surfaces(objects, skin_of(model), contact_sides(targets, objects))
+        surfaces = between_surfaces.Surfaces(objects, skin_of(model), contact_sides(targets, objects))
         return cls(model, targets, ik_qpos, config, surfaces)
 
     def first_pass(self, solve_pass: SolvePass) -> Float[np.ndarray, "T nq"]:
@@ -144,7 +137,7 @@ class SurfaceProblems:
         of, targets, touching = self.surfaces, self.targets, {}
         for column, site in enumerate(targets.contact_links):
             if site not in RESTING_SITES:
-                for skin in touching_skins(targets, self.model, site):
+                for skin in between_surfaces.touching_skins(targets, self.model, site):
                     touching[skin.link] = targets.contact_weights[:, column] > 0
         weight, start = self.config.weights.clearance, self.model.forward(qpos)
         return escape_paths(of.objects, targets.limbs, of.skin, touching, start, earlier, weight, targets.fps)
@@ -170,7 +163,7 @@ class SurfaceProblems:
         def problem_of(window: FrameRange) -> Problem:
             first, stop = window.first, window.stop
             begin = start if stop - first == len(start.qpos) else start.window(first, stop)
-            terms = surface_terms(
+            terms = between_surfaces.surface_terms(
                 self.config.weights.with_surfaces,
                 begin.touching,
                 self.model.forward(self.ik_qpos[first:stop]),
@@ -203,8 +196,8 @@ class _Start:
         return self.problems.model.forward(self.qpos)
 
     @cached_property
-    def near(self) -> tuple[Clearance, ...]:
-        return clearances(
+    def near(self) -> tuple[between_surfaces.Clearance, ...]:
+        return between_surfaces.clearances(
             self.problems.config.weights.with_surfaces, self.touching, self.kinematics, self.problems.surfaces
         )
 
@@ -215,4 +208,4 @@ class _Start:
         if frames > LONG:
             return max(self.window(first, min(first + LONG, frames)).met_depth for first in range(0, frames, LONG))
         in_links = self_depth(self.kinematics) if self.problems.config.weights.with_surfaces.self_clearance else 0.0
-        return max(in_links, free_depth(self.near, self.kinematics))
+        return max(in_links, between_surfaces.free_depth(self.near, self.kinematics))

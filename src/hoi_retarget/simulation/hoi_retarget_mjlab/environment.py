@@ -28,7 +28,7 @@ from mjlab.utils.noise import UniformNoiseCfg
 from . import terms
 from .command import ObjectMotionCommandCfg
 
-FORMAT = "hoi-retarget mjlab task 1"
+FORMAT = "hoi-retarget mjlab task 2"
 FLOOR = "terrain"  # Entity, body and geometry of mjlab's plane.
 FRICTION_STIFFNESS = 10.0  # As in the scene: with pyramidal cones, what is held creeps.
 OFFSETS = {"x": (-0.03, 0.03), "y": (-0.03, 0.03), "z": (-0.01, 0.01), "roll": (-0.05, 0.05), "pitch": (-0.05, 0.05)}

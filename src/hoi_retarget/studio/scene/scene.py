@@ -21,17 +21,10 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
+from hoi_retarget.studio.scene import robot_shapes as drawn_robots
 from hoi_retarget.studio.scene.drawing import Colour, DrawnScene, Layer, Lines, Part, Shapes, Solid, Subject
 from hoi_retarget.studio.scene.human_shapes import has_pieces, human_shapes, human_skin
 from hoi_retarget.studio.scene.marks import contact_marks, force_arrows, human_contact_marks, inside_marks, stance_marks
-from hoi_retarget.studio.scene.robot_shapes import (
-    AXIS_LENGTH,
-    COLOURS,
-    object_axes,
-    object_solid,
-    robot_parts,
-    robot_shapes,
-)
 
 
 def shared_objects(motion: Motion) -> str:
@@ -196,7 +189,7 @@ def _robot(item: SceneItem, motion: Motion, model: RobotModel) -> RobotOrHuman:
     looks = {part.replace("_", " "): kinematics.site_position(site) for part, site in hands.items()}
     looks["feet"] = np.mean([kinematics.site_position(f"{side}_foot") for side in SIDES], axis=0)
     layers = (
-        Layer("robot", robot_parts(model, kinematics, item.meshes)),
+        Layer("robot", drawn_robots.robot_parts(model, kinematics, item.meshes)),
         *(_earlier_stage(motion, model, stage, item.clip) for stage in motion.stages[:-1]),
         Layer("object", _robot_objects(motion, item.clip)),
         Layer("contacts", contact_marks(motion, kinematics, item.geometries)),
@@ -205,7 +198,7 @@ def _robot(item: SceneItem, motion: Motion, model: RobotModel) -> RobotOrHuman:
     )
     forces = motion.stages[-1].forces
     if item.baseline is not None:
-        ghost = robot_shapes(model, model.forward(item.baseline.qpos))
+        ghost = drawn_robots.robot_shapes(model, model.forward(item.baseline.qpos))
         layers += (Layer(BASELINE, tuple(map(_tinted, ghost)), opacity=_EARLIER_OPACITY, shown=False),)
     if forces is not None:
         layers += (Layer(FORCES, force_arrows(forces)),)
@@ -214,7 +207,7 @@ def _robot(item: SceneItem, motion: Motion, model: RobotModel) -> RobotOrHuman:
 
 def _earlier_stage(motion: Motion, model: RobotModel, stage: Stage, clip: Clip | None) -> Layer:
     """Return a stage as a ghost, with its objects where a simulation has moved them since."""
-    parts: list[Part] = list(map(_tinted, robot_shapes(model, model.forward(stage.qpos))))
+    parts: list[Part] = list(map(_tinted, drawn_robots.robot_shapes(model, model.forward(stage.qpos))))
     if stage.objects is not None:
         parts += _robot_objects(motion.at_stage(stage.name), clip)
     followed = motion.stages[-1].name == SIMULATED and stage is motion.stages[-2]
@@ -228,10 +221,10 @@ def _robot_objects(motion: Motion, clip: Clip | None) -> tuple[Part, ...]:
     for index, scale in enumerate(motion.object_scale):
         positions, quats = motion.object_pos[:, index], motion.object_quat[:, index]
         if clip is None:
-            parts.append(object_axes(positions, quats))
+            parts.append(drawn_robots.object_axes(positions, quats))
         else:
-            geometry, colour = clip.objects[index].geometry, COLOURS[index % len(COLOURS)]
-            parts.append(object_solid(geometry, float(scale), positions, quats, colour))
+            geometry, colour = clip.objects[index].geometry, drawn_robots.COLOURS[index % len(drawn_robots.COLOURS)]
+            parts.append(drawn_robots.object_solid(geometry, float(scale), positions, quats, colour))
     return tuple(parts)
 
 
@@ -239,7 +232,9 @@ def _human(clip: Clip, person: int) -> RobotOrHuman:
     human = clip.people[person]
     contacts = tuple(track for track in clip.contacts if track.person == person)
     solids = (
-        object_solid(track.geometry, 1.0, track.positions, track.quats, COLOURS[index % len(COLOURS)])
+        drawn_robots.object_solid(
+            track.geometry, 1.0, track.positions, track.quats, drawn_robots.COLOURS[index % len(drawn_robots.COLOURS)]
+        )
         for index, track in enumerate(clip.objects)
     )
     layers = (
@@ -270,7 +265,7 @@ def reach_of(sides: Sequence[RobotOrHuman]) -> Float[np.ndarray, "2 2"]:
 
 
 def _radius(part: Part) -> float:
-    return float(np.linalg.norm(part.vertices, axis=1).max()) if isinstance(part, Solid) else AXIS_LENGTH
+    return float(np.linalg.norm(part.vertices, axis=1).max()) if isinstance(part, Solid) else drawn_robots.AXIS_LENGTH
 
 
 def shifts_of(reaches: Sequence[Float[np.ndarray, "2 2"]]) -> list[Float[np.ndarray, "3"]]:

@@ -57,11 +57,8 @@ def solve(
     A solve that ends unsolved begins again, without damping steps that bounds alone cut short. Where costs have kinks,
     bounds never damp, and nothing begins again.
 
-    Args:
-        options: Tolerances and limits.
-        problem: Of the trajectory's frames.
-        qpos: The start [m, rad].
-        effort: Whether it begins again, has kinks, and how far inside the bounds it starts.
+    `options`: tolerances and limits; `problem`: of the trajectory's frames; `qpos`: the start [m, rad]; `effort`:
+    whether it begins again, has kinks, and how far inside the bounds it starts.
     """
     result = _solve_once(options, problem, qpos, effort, bounds_damp=not effort.kinks)
     if effort.kinks or not effort.restarts or result.status in {Status.SOLVED, Status.FAILED}:
