@@ -60,7 +60,6 @@ def in_wheel(monkeypatch, tmp_path, names=NAMES, **changes):
     wheel = {"sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "folder": INSIDE} | changes
     source = MeshSource("it 1.0 of a test", "some terms", lambda names: read_wheel("it==1.0", **wheel, names=names))
     monkeypatch.setattr(fetched_meshes, "SOURCES", dict(SOURCES) | {G1.name: source})
-    monkeypatch.setattr(robots_command, "SOURCES", fetched_meshes.SOURCES)
     return commands
 
 
@@ -177,7 +176,7 @@ def test_the_demo_fetches_them_once_and_goes_on_without_a_network(robots, monkey
             raise ReadError("no network.")
         return dict.fromkeys(names, CONTENT)
 
-    monkeypatch.setattr(robots_command, "SOURCES", {"unitree_g1": MeshSource("a place", "some terms", read)})
+    monkeypatch.setattr(fetched_meshes, "SOURCES", {"unitree_g1": MeshSource("a place", "some terms", read)})
     robots_command.fetch_look_once(G1)
     assert "plainer robot: no network." in capsys.readouterr().err and not files_in(tmp_path)
     for _ in range(2):

@@ -574,7 +574,7 @@ def test_strict_is_content_when_nothing_fails(folder: Path, monkeypatch) -> None
 
 
 def test_without_pyarrow_the_rest_is_written_and_the_extra_named(folder: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.to_parquet", lambda rows: None)
+    monkeypatch.setattr("hoi_retarget.studio.report.rows.to_parquet", lambda rows: None)
     monkeypatch.setattr("hoi_retarget.errors.find_spec", lambda name: None)
     monkeypatch.setattr("hoi_retarget.cli.report._page_of", lambda *_: None)
     out = folder.parent / "out"
