@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from finger_robot import FINGERS, finger_robot
 from hoi_retarget.clip.clip import ContactTrack
-from hoi_retarget.clip.label_contacts import CAPSULE_FINGERS, ON_SURFACE, finger_contacts, of_part
+from hoi_retarget.clip.label_contacts import CAPSULE_FINGERS, LABELLED, ON_SURFACE, finger_contacts, of_part
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import evaluate
 from hoi_retarget.human.skeleton import FINGER_PARTS
@@ -185,10 +185,18 @@ def test_points_of_labelled_fingers_off_the_surface_become_its_nearest():
     labelled = ContactTrack(0, 0, "left_index", hand.active, joint)
     assert surface.distances(joint[hand.active]).max() > ON_SURFACE
     (found,) = finger_contacts(replace(clip(), contacts=(*clip().contacts, labelled)), 0)
-    assert np.array_equal(found.active, labelled.active)
+    gaps, nearest = of_part(person, "left_index", clip().objects)[0]
+    assert np.array_equal(found.active, labelled.active & (gaps < LABELLED)) and found.active.any()
     assert surface.distances(found.contact_points[found.active]).max() < 1e-6
-    _, nearest = of_part(person, "left_index", clip().objects)[0]
     np.testing.assert_array_equal(found.contact_points[found.active], nearest[found.active])
+
+
+def test_labels_of_fingers_far_from_their_object_are_late():
+    away = replace(clip().objects[0], positions=clip().objects[0].positions + np.array([30.0, 0.0, 0.0]))
+    points = away.to_object(clip().people[0].part_position("left_index"))
+    labelled = ContactTrack(0, 0, "left_index", np.arange(clip().frames) < 50, points)
+    (found,) = finger_contacts(replace(clip(), objects=(away,), contacts=(labelled,)), 0)
+    assert not found.active.any()
 
 
 def test_fingers_lead_a_hand_in_whole_runs_of_its_contact(model):

@@ -72,7 +72,8 @@ class Proximity:
 PROXIMITY = Proximity()
 SKIN_FINGERS, CAPSULE_FINGERS = Proximity(touch=0.004, release=0.006), Proximity(touch=0.008, release=0.010)
 """Of fingers of a hand that touches, by skin and by capsules."""
-ON_SURFACE = 0.002  # [m]; of given points of fingers: those farther off are the places of joints.
+ON_SURFACE, LABELLED = 0.002, 0.015
+"""Of fingers' given points, beyond which these are places of joints, and of labelled fingers that touch indeed [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +122,8 @@ def with_finger_contacts(clip: Clip, person: int) -> Clip:
 def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
     """Return the contacts of a person's fingers: as labelled, or found while their hands touch.
 
-    Points are the clip's where these are on the surface, else the object's nearest. None are found of fingers that are
+    Points are the clip's where these are on the surface, else the object's nearest: labels may be late, by tenths of a
+    second, and fingers that are off by then do not touch. None are found of fingers that are
     made up. Raises `GeometryError` where an object's mesh cannot be read.
     """
     human, found = clip.people[person], []
@@ -142,12 +144,11 @@ def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
 
 
 def _on_surface(human: Person, track: ContactTrack, touched: ObjectTrack) -> ContactTrack:
-    surface, points = surface_of(touched.geometry), track.contact_points.copy()
-    if not track.active.any() or surface.distances(points[track.active]).max() < ON_SURFACE:
+    given = track.contact_points[track.active]
+    if not len(given) or surface_of(touched.geometry).distances(given).max() < ON_SURFACE:
         return track
     gaps, nearest = of_part(human, track.part, [touched])[0]
-    points[track.active] = surface.closest_points(points[track.active])
-    return replace(track, contact_points=np.where(np.isfinite(gaps)[:, None], nearest, points))
+    return replace(track, active=track.active & (gaps < LABELLED), contact_points=nearest)
 
 
 def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
