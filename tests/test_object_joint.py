@@ -27,12 +27,12 @@ from hoi_retarget.objects.object_joint import (
     parents_of,
     path_of,
     scaled,
-    with_fitted_joints,
 )
 from hoi_retarget.objects.track import ObjectGeometry, ObjectJoint, ObjectTrack
 from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.readers.own_layout import encode, write
+from hoi_retarget.readers.parahome import with_fitted_joints
 from hoi_retarget.retargeting.config import Scaling
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.retargeting.targets import make_targets

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from hoi_retarget.motion.result_file import save as save
     from hoi_retarget.motion.write_export import write_export as export
     from hoi_retarget.objects.track import ObjectGeometry as ObjectGeometry
+    from hoi_retarget.objects.track import ObjectJoint as ObjectJoint
     from hoi_retarget.objects.track import ObjectTrack as ObjectTrack
     from hoi_retarget.readers.body_parameters import person_from_smplx as person_from_smplx
     from hoi_retarget.readers.open import clip_of as clip_of

@@ -123,8 +123,8 @@ def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
     """Return the contacts of a person's fingers: as labelled, or found while their hands touch.
 
     Points are the clip's where these are on the surface, else the object's nearest: labels may be late, by tenths of a
-    second, and fingers that are off by then do not touch. None are found of fingers that are
-    made up. Raises `GeometryError` where an object's mesh cannot be read.
+    second, and fingers that are off by then do not touch. None are found of fingers that are made up. Raises
+    `GeometryError` where an object's mesh cannot be read.
     """
     human, found = clip.people[person], []
     labelled = [track for track in clip.contacts if track.person == person and track.part in FINGER_PARTS]

@@ -86,23 +86,6 @@ def fitted_joint(parent: ObjectTrack, part: ObjectTrack, kind: JointKind | None 
     return None
 
 
-def with_fitted_joints(tracks: Sequence[ObjectTrack]) -> tuple[ObjectTrack, ...]:
-    """Return objects in which `kettle_part1` hangs on `kettle_base`, as ParaHome names them, by joints that fit.
-
-    Parts that lie still beside a base that does not move either are not known to be fixed to it.
-    """
-    bases = {track.name.removesuffix("_base"): track for track in tracks if track.name.endswith("_base")}
-    found = []
-    for track in tracks:
-        whole, _, part = track.name.rpartition("_")
-        base = bases.get(whole) if part != "base" else None
-        joint = None if base is None else fitted_joint(base, track)
-        if base is not None and joint and joint.kind == "fixed" and fitted_joint(world_of(base), base, "fixed"):
-            joint = None
-        found.append(replace(track, joint=joint))
-    return tuple(found)
-
-
 def world_of(track: ObjectTrack) -> ObjectTrack:
     """Return the world as the parent of an object that is fixed in it."""
     frames = len(track.positions)

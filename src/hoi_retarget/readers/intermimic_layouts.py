@@ -23,10 +23,10 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames
-from hoi_retarget.objects.object_joint import with_fitted_joints
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.fields import MAX_VALUE
 from hoi_retarget.readers.object_files import SAMPLE_POINTS, load_geometry
+from hoi_retarget.readers.parahome import with_fitted_joints
 from hoi_retarget.readers.reader import Reader, Record, SourceRecording, Tracks
 
 FPS = 30.0  # [Hz]; the file does not state it, all tools that write or read the layouts use it.

@@ -19,8 +19,8 @@ Objects' matrices are thousands of small arrays, interpreted once for all clips 
 """
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from hoi_retarget.human import skeleton, t_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.object_joint import with_fitted_joints
+from hoi_retarget.objects.object_joint import fitted_joint, world_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.fields import Fields, chosen_clip, folder_above, folder_of_tree, json_values
@@ -196,6 +196,20 @@ def _objects(
     still = [track.name for track in made if _is_still(track)]
     sentences = {"Parts that do not move": still, "Left out, as they are there in some of the frames only": absent}
     return with_fitted_joints(made), tuple(f"{what}: {', '.join(names)}." for what, names in sentences.items() if names)
+
+
+def with_fitted_joints(tracks: Sequence[ObjectTrack]) -> tuple[ObjectTrack, ...]:
+    """Return objects in which `kettle_part1` hangs on `kettle_base` by a joint that fits; parts at rest may be free."""
+    bases = {track.name.removesuffix("_base"): track for track in tracks if track.name.endswith("_base")}
+    found = []
+    for track in tracks:
+        whole, _, part = track.name.rpartition("_")
+        base = bases.get(whole) if part != "base" else None
+        joint = None if base is None else fitted_joint(base, track)
+        if base is not None and joint and joint.kind == "fixed" and fitted_joint(world_of(base), base, "fixed"):
+            joint = None
+        found.append(replace(track, joint=joint))
+    return tuple(found)
 
 
 @lru_cache(maxsize=2)
