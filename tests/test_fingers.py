@@ -33,6 +33,7 @@ from hoi_retarget.robots.adding.description import read_description
 from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES, HeldJoint
+from synthetic.mug import raise_mug
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SITES = [f"{side}_{finger}" for side in SIDES for finger in FINGERS]
@@ -264,3 +265,13 @@ def test_a_robot_with_the_makers_fingers_holds_an_apple_where_the_person_does(tm
     assert figures["joint_range_margin_rad"] >= 0.0 and figures["joint_speed_margin_radps"] >= 0.0
     unreached = judge(solution).report.unreached_contacts
     assert {event.subject for event in unreached} <= {"right_palm"}  # Its label lasts longer than its fingers touch.
+    # By wrenches: apples weigh little, and a program that is not solved says that they are not held at all.
+    assert figures["grip_margin_g"] > 1.0 and figures["closure_share"] > 0.9
+
+
+@pytest.mark.slow
+def test_a_mug_is_grasped_with_the_persons_fingers():
+    recorded, robot = raise_mug(), load_robot("unitree_g1_dex3")
+    figures = evaluate(solve(recorded, robot, Config()).motion, recorded, robot)
+    assert figures["finger_touch_share"] > 0.95 and figures["finger_depth_max_m"] < 0.004
+    assert figures["person_closure_share"] == 1.0 and figures["closure_share"] > 0.25

@@ -45,7 +45,7 @@ NEAREST = {
     "evaluation/hand_slip.py": "contact_figures figures",
     "evaluation/penetration.py": "figures surface_distances",
     "evaluation/physics_figures.py": "figures motion contact_forces",
-    "evaluation/soundness.py": "thresholds",
+    "evaluation/figures.py": "thresholds",
     "motion/*.py": "motion",
     "motion/contact_arrays.py": "write_export",
     "motion/performance.py": "motion certificate",

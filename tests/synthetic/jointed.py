@@ -51,7 +51,7 @@ def open_door() -> tuple[Clip, np.ndarray]:
 
     grip = Grip(1, (-0.02, -0.34, 0.05), outward=(-1.0, 0.0, 0.0), fingers=(0.0, 0.2, 1.0), span=(touch, release))
     scene = StagedScene(release + 1.0, 0.0, (Actor("person", HEIGHT, walk, (grip,)),), objects)
-    return _clip("open_door", scene, angle)
+    return filmed("open_door", scene), angle(_times(scene))
 
 
 def open_laptop() -> tuple[Clip, np.ndarray]:
@@ -77,12 +77,17 @@ def open_laptop() -> tuple[Clip, np.ndarray]:
     grip = Grip(1, (-0.12, 0.0, 0.0), outward=(-1.0, 0.0, 0.0), fingers=(0.3, 0.0, 1.0), span=(touch, release))
     lean = holds(((touch, release),), 0.25)
     scene = StagedScene(4.6, 0.0, (Actor("person", HEIGHT, Walk(place), (grip,), lean=lean),), objects)
-    return _clip("open_laptop", scene, angle)
+    return filmed("open_laptop", scene), angle(_times(scene))
 
 
-def _clip(name: str, scene: StagedScene, angle) -> tuple[Clip, np.ndarray]:
-    times = np.arange(round(30 * scene.there)) / 30.0
+def filmed(name: str, scene: StagedScene) -> Clip:
+    """Return the clip of a scene at 30 frames a second."""
+    times = _times(scene)
     objects = scene.objects(times)
     people = tuple(act(actor, times, objects) for actor in scene.actors)
     contacts = tuple(track for index, actor in enumerate(scene.actors) for track in contacts_of(actor, index, times))
-    return Clip(name, 30.0, people, objects, contacts, Source(format="synthetic", licence="ours")), angle(times)
+    return Clip(name, 30.0, people, objects, contacts, Source(format="synthetic", licence="ours"))
+
+
+def _times(scene: StagedScene) -> np.ndarray:
+    return np.arange(round(30 * scene.there)) / 30.0

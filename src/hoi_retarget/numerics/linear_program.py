@@ -5,9 +5,11 @@ from jaxtyping import Float
 
 ITERATIONS = 25
 TO_BOUNDARY = 0.995  # Share of the way to the nearest bound that a step may take.
+LEAST = 1e-6  # Of an unknown, and of a reduced cost, at the start.
 TOLERANCE = 1e-6  # Of the mean product of unknowns and their reduced costs, and of the equations.
-SCALES, RIDGE = (1e-12, 1e12), 1e-13
-"""Limits of unknowns over reduced costs, and the least curvature, over the sum of all, that is taken for one."""
+SCALES, RIDGE, SMALLEST = (1e-12, 1e12), 1e-12, 1e-30
+"""Limits of unknowns over reduced costs; what is added to matrices that are scaled to ones on the diagonal, and the
+least number there before."""
 
 
 def least_costs(
@@ -15,16 +17,19 @@ def least_costs(
 ) -> Float[np.ndarray, "B N"]:
     """Return the x of least `costs x` with `matrices x = targets` and no x negative.
 
-    Every program must have a solution, and a bounded one. Numbers should be of the order of one. A program that is not
-    solved after `ITERATIONS` ends as near as it got.
+    Every program must have a solution, and a bounded one. A program that is not solved after `ITERATIONS` ends as near
+    as it got.
     """
-    x, slack, prices = np.ones_like(matrices[:, 0]), np.ones_like(matrices[:, 0]), np.zeros_like(targets)
-    left, best = np.arange(len(targets)), np.ones_like(matrices[:, 0])
-    for _ in range(ITERATIONS):
+    x, slack, prices = _start(costs, matrices, targets)
+    left, best, least = np.arange(len(targets)), x.copy(), np.full(len(targets), np.inf)
+    for _ in range(1 + ITERATIONS):
         lacking = targets - _times(matrices, x)
         reduced = costs - _times(matrices.transpose(0, 2, 1), prices) - slack
         mean = (x * slack).mean(axis=1)
-        open_ = np.maximum(mean, np.maximum(np.abs(lacking).max(axis=1), np.abs(reduced).max(axis=1))) > TOLERANCE
+        error = np.maximum(mean, np.maximum(np.abs(lacking).max(axis=1), np.abs(reduced).max(axis=1)))
+        nearer = error < least[left]
+        best[left[nearer]], least[left[nearer]] = x[nearer], error[nearer]
+        open_ = error > TOLERANCE
         if not open_.any():
             break
         left = left[open_]
@@ -32,9 +37,7 @@ def least_costs(
             values[open_] for values in (x, slack, prices, matrices, targets, lacking, reduced, mean)
         )
         scale = np.clip(x / slack, *SCALES)
-        normal = (matrices * scale[:, None]) @ matrices.transpose(0, 2, 1)
-        normal += RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(targets.shape[1])
-        inverse = np.linalg.inv(normal)
+        inverse = _inverse((matrices * scale[:, None]) @ matrices.transpose(0, 2, 1))
         aim, step = -x * slack, (x, slack)
         for last in (False, True):
             change = aim / slack
@@ -50,8 +53,30 @@ def least_costs(
         x = x + TO_BOUNDARY * shares[0] * step[0]
         slack = slack + TO_BOUNDARY * shares[1] * step[1]
         prices = prices + TO_BOUNDARY * shares[1] * moved
-        best[left] = x
     return best
+
+
+def _start(costs: np.ndarray, matrices: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return unknowns, reduced costs and prices that nearly meet the equations, all the former well above zero.
+
+    Least squares, shifted (Mehrotra, section 7): from ones, targets of hundreds are never reached.
+    """
+    across = matrices.transpose(0, 2, 1)
+    inverse = _inverse(matrices @ across)
+    prices = _times(inverse, matrices @ costs)
+    x, slack = _times(across, _times(inverse, targets)), costs - _times(across, prices)
+    x, slack = (values + np.maximum(-1.5 * values.min(axis=1, keepdims=True), 0.0) for values in (x, slack))
+    product = 0.5 * (x * slack).sum(axis=1, keepdims=True)
+    moved = (product / np.maximum(other.sum(axis=1, keepdims=True), 1e-12) for other in (slack, x))
+    x, slack = (np.maximum(values + way, LEAST) for values, way in zip((x, slack), moved, strict=True))
+    return x, slack, prices
+
+
+def _inverse(matrices: Float[np.ndarray, "B M M"]) -> Float[np.ndarray, "B M M"]:
+    """Return the inverses of symmetric matrices, with rows of any sizes."""
+    size = np.sqrt(np.maximum(np.einsum("bmm->bm", matrices), SMALLEST))
+    sizes = size[:, :, None] * size[:, None]
+    return np.linalg.inv(matrices / sizes + RIDGE * np.eye(size.shape[1])) / sizes
 
 
 def _times(matrices: Float[np.ndarray, "B R C"], vectors: Float[np.ndarray, "B C"]) -> Float[np.ndarray, "B R"]:

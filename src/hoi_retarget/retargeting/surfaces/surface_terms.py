@@ -10,7 +10,7 @@ from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES
-from hoi_retarget.retargeting.surfaces.depenetration import EscapePath
+from hoi_retarget.retargeting.surfaces.depenetration import MIN_DEPTH_M, EscapePath
 from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject, levers, near_skin
 from hoi_retarget.retargeting.surfaces.skin_terms import (
     ObjectOutsideLink,
@@ -83,7 +83,7 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
         _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) and term.site not in PALMS else term
         for term in trajectory_terms(weights, targets, reference)
     )
-    kept_apart = tuple(_relaxed_on_escapes(term, paths) for term in near)
+    kept_apart = tuple(_relaxed_on_escapes(term, paths, start if relaxed else None) for term in near)
     if relaxed:
         kept_apart = _relaxed_around_trapped_links(kept_apart, start, seconds_to_frames(RELAXED_SECONDS, targets.fps))
     return (*table, *kept_apart, *paths, *self_clearance_terms(weights, start))
@@ -100,12 +100,13 @@ def free_depth(near: tuple[Clearance, ...], kinematics: Kinematics) -> float:
     return max((float(found[found < TRAPPED_DEPTH_M].max(initial=0.0)) for found in depths), default=0.0)
 
 
-def _relaxed_on_escapes(term: Clearance, paths: tuple[EscapePath, ...]) -> Clearance:
-    """Return a term that hardly weighs in the frames of its link's escape paths."""
+def _relaxed_on_escapes(term: Clearance, paths: tuple[EscapePath, ...], left: Kinematics | None) -> Clearance:
+    """Return a term that hardly weighs on its link's escape paths; where links have left, only while still deep."""
     of_link = [path.frames for path in paths if path.link == term.skin.link]
     if not of_link:
         return term
     on = np.isin(term.frames, np.concatenate(of_link))
+    on &= True if left is None else term.depths(left) > MIN_DEPTH_M
     return replace(term, weights=np.where(on, CLEARANCE_SHARE_ON_ESCAPE, 1.0) * term.weights)
 
 
