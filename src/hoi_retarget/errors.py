@@ -28,6 +28,7 @@ EXTRAS = {
     "h5py": ("h5py>=3.11", "data sets of Isaac Lab"),
     "imageio_ffmpeg": ("imageio-ffmpeg>=0.5", "films as MP4"),
     "mcap_ros2": ("mcap-ros2-support>=0.5", "ROS 2 messages as MCAP"),
+    "pxr": ("usd-core>=24.11", "USD stages"),
     "pyarrow": ("pyarrow>=17", "data sets and Parquet"),
     "zstandard": ("zstandard>=0.22", "archives `.tar.zst`"),
 }

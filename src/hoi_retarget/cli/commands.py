@@ -444,6 +444,7 @@ class Scene(PhysicsOptions):
 
     result: Annotated[Positional[Path], arg(metavar="RESULT")]  # A result file (.npz) or another program's motion.
     out: Folder  # Folder to write scene.xml and meshes into; made when it does not exist.
+    usd: bool = False  # Write scene.usdc with the whole motion, too, for Isaac Sim or Blender; needs usd-core.
 
 
 @dataclass(frozen=True)

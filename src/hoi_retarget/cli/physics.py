@@ -11,6 +11,7 @@ from hoi_retarget.cli.commands import Feasible, Refine, Scene
 from hoi_retarget.cli.open_results import clip_with_objects, load_motion, physics_of
 from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_stems, check_writable, write_json
 from hoi_retarget.cli.terminal import Working, describe_work, do_for_each, exit_code, say, show_table, warn
+from hoi_retarget.dynamics import usd_stage
 from hoi_retarget.dynamics.feasibility import forces_on_clip, infeasibilities
 from hoi_retarget.dynamics.free_hands import kept_objects
 from hoi_retarget.dynamics.grip_margin import grip_margins
@@ -140,6 +141,8 @@ def execute_scene(command: Scene) -> int:
         clip = clip_with_objects(motion, command)
         scene = scene_of(motion, load_robot(motion.robot), () if clip is None else clip.objects, physics)
         files = {command.out / place: content for place, content in scene_files(scene, motion).items()}
+        if command.usd:
+            files[command.out / usd_stage.NAME] = usd_stage.usd_file(scene, motion)
     check_inputs_kept("--out", files, [command.result])
     write_together(files)
     say(f"{command.out / FILE}  ({len(files)} files)")

@@ -234,13 +234,10 @@ def _add(action: commands.AddRobot) -> int:
 class RobotTrial:
     """A robot's motion of a clip, and the demands on it."""
 
-    name: str
-    """Of the clip."""
+    name: str  # Of the clip.
     clip: Clip
-    motion: Motion | None
-    """None where there is none."""
-    gates: list[tuple[str, bool]]
-    """Demands in words with figures, and whether each is met."""
+    motion: Motion | None  # None where there is none.
+    gates: list[tuple[str, bool]]  # Demands in words with figures, and whether each is met.
 
 
 def _finding(trial: RobotTrial) -> RobotFinding:

@@ -57,11 +57,9 @@ class Severity(Enum):
 class QualityWarning:
     """A fault of a recording or a motion, for a program (the code) and for a person (the text)."""
 
-    code: str
-    """Names the kind, such as `unreached_contact`."""
+    code: str  # Names the kind, such as `unreached_contact`.
     severity: Severity = Severity.WARNING
-    text: str = ""
-    """A sentence."""
+    text: str = ""  # A sentence.
 
     def __str__(self) -> str:
         return self.text
@@ -81,8 +79,7 @@ class ContactTrack:
     active: Bool[np.ndarray, "T"]
     contact_points: Float[np.ndarray, "T 3"]
     """Contact point in the object's frame at captured size [m]; NaN where inactive."""
-    hold: int = 0
-    """Rank of the hold that a robot's hand takes, the best one first; another one is somebody's choice."""
+    hold: int = 0  # Rank of the hold that a robot's hand takes, the best one first; another one is somebody's choice.
     turn: Vector = (0.0, 0.0, 0.0)
     """Rotation vector about the object's axes, by which somebody turned the person's hand [degrees]."""
 
@@ -108,10 +105,8 @@ class ContactTrack:
 class Augmentation:
     """Changes of a whole recording that make another clip of it; none by default."""
 
-    mirrored: bool = False
-    """Left for right."""
-    speed: float = 1.0
-    """How many times as fast as recorded."""
+    mirrored: bool = False  # Left for right.
+    speed: float = 1.0  # How many times as fast as recorded.
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.speed) and self.speed > 0):
@@ -148,10 +143,8 @@ class Clip:
     objects: tuple[ObjectTrack, ...]
     contacts: tuple[ContactTrack, ...]
     source: Source = Source()
-    first_source_frame: int = 0
-    """How many leading frames of the source were dropped."""
-    pins: tuple[PosePin, ...] = ()
-    """Other places for parts than the recorded ones."""
+    first_source_frame: int = 0  # How many leading frames of the source were dropped.
+    pins: tuple[PosePin, ...] = ()  # Other places for parts than the recorded ones.
     recorded_contacts: tuple[ContactTrack, ...] = ()
     """The contacts as recorded, where `contacts` are edited ones; else none."""
 

@@ -45,16 +45,11 @@ class Proximity:
     and slow against the object. The same clip backwards has the same contacts.
     """
 
-    touch: float = 0.010
-    """Distance of the surfaces below which a contact is made [m]."""
-    release: float = 0.015
-    """Distance up to which it lasts [m]."""
-    speed: float = 0.5
-    """Largest speed of the part against the object at which a contact is made [m/s]."""
-    gap: float = 0.1
-    """Interruptions up to this long are closed [s]."""
-    shortest: float = 0.1
-    """Contacts shorter than this are dropped [s]."""
+    touch: float = 0.010  # Distance of the surfaces below which a contact is made [m].
+    release: float = 0.015  # Distance up to which it lasts [m].
+    speed: float = 0.5  # Largest speed of the part against the object at which a contact is made [m/s].
+    gap: float = 0.1  # Interruptions up to this long are closed [s].
+    shortest: float = 0.1  # Contacts shorter than this are dropped [s].
 
     def __post_init__(self) -> None:
         if not 0 <= self.touch <= self.release <= FAR:

@@ -50,29 +50,15 @@ def figures_of(view: Comparison, chosen: FigureSet = "all") -> Mapping[str, floa
 
 
 _MIN_STANDING_HEIGHT = 0.05  # [m]
+_OVER = "height of the base, over that of standing"
 
 SOUNDNESS = (
     Figure("sole_tilt_deg", "sole tilt", "deg", "Median angle between soles and floor in stance", needs_floor=True),
     Figure("frozen_share", "frozen frames", "%", "Share of the frames that repeat the one before them"),
     Figure("base_speed_max_mps", "base speed", "m/s", "Largest speed of the base"),
     Figure("base_turn_max_radps", "base turn", "rad/s", "Largest turning speed of the base"),
-    Figure(
-        "base_height_min_share",
-        "base height, lowest",
-        "%",
-        "Lowest height of the base, over that of standing",
-        digits=0,
-        better="higher",
-        needs_floor=True,
-    ),
-    Figure(
-        "base_height_max_share",
-        "base height, highest",
-        "%",
-        "Greatest height of the base, over that of standing",
-        digits=0,
-        needs_floor=True,
-    ),
+    Figure("base_height_min_share", "base height, lowest", "%", f"Lowest {_OVER}", None, 0, "higher", needs_floor=True),
+    Figure("base_height_max_share", "base height, highest", "%", f"Greatest {_OVER}", digits=0, needs_floor=True),
 )
 """Figures of every frame of a motion, that need no clip."""
 

@@ -23,16 +23,14 @@ class Person:
     """One human: world poses of the 52 joints of `skeleton.JOINTS`."""
 
     name: str
-    joint_positions: Float[np.ndarray, "T 52 3"]
-    """World positions [m]."""
+    joint_positions: Float[np.ndarray, "T 52 3"]  # World positions [m].
     joint_quats: Float[np.ndarray, "T 52 4"]
     """World rotations, wxyz, identity in the T-pose that stands along +y and looks along +z."""
     fingers_recorded: bool = True
     """Whether the finger joints are the person's own; otherwise they are straight and made up."""
     shape: BodyShape | SkinnedMesh | None = None
     """The person's skin, where the source has it, or its body model is at hand."""
-    stature: float | None = None
-    """Standing height [m], where the source has it; otherwise it is estimated."""
+    stature: float | None = None  # Standing height [m], where the source has it; otherwise it is estimated.
     toe_height: float | None = None
     """Of the toe joints over the soles [m], where the source's skeleton is known; otherwise that of SMPL-X's."""
 

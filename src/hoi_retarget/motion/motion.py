@@ -62,15 +62,12 @@ class Stage:
     """A motion after one stage of a retarget, with the outcome of its windows."""
 
     name: str
-    qpos: Float[np.ndarray, "T nq"]
-    """Root position [m], root rotation wxyz, joints [rad]."""
-    windows: tuple[Window, ...] = ()
-    """None for a motion that was recorded or made elsewhere."""
+    qpos: Float[np.ndarray, "T nq"]  # Root position [m], root rotation wxyz, joints [rad].
+    windows: tuple[Window, ...] = ()  # None for a motion that was recorded or made elsewhere.
     objects: Float[np.ndarray, "T O 7"] | None = None
     """Poses of the objects, position [m] and rotation wxyz, where a later stage has them elsewhere."""
 
-    forces: ContactForces | None = None
-    """Of contacts, where they were simulated."""
+    forces: ContactForces | None = None  # Of contacts, where they were simulated.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "qpos", frozen(self.qpos))

@@ -260,23 +260,16 @@ _WARNINGS = (
 class Report:
     """The report of one robot's motion; unknown fields, as of other programs' motions, are None or empty."""
 
-    clip: str = ""
-    """Name of the clip."""
-    person: int = 0
-    """Index of the clip's person that the robot follows."""
+    clip: str = ""  # Name of the clip.
+    person: int = 0  # Index of the clip's person that the robot follows.
     source: Source = Source()
-    robot_file: str = ""
-    """Name of the source file of an added robot; empty for the robots of this package."""
-    robot_sha256: str = ""
-    """Digest of that file."""
-    root_scale: float | None = None
-    """Human size to robot size, as it came out."""
+    robot_file: str = ""  # Name of the source file of an added robot; empty for the robots of this package.
+    robot_sha256: str = ""  # Digest of that file.
+    root_scale: float | None = None  # Human size to robot size, as it came out.
     config: Mapping[str, Any] = field(default_factory=dict)
     """The whole configuration (`retarget.config.Config.as_json`)."""
-    command: Mapping[str, Any] = field(default_factory=dict)
-    """How the clip was called and read."""
-    versions: Mapping[str, str] = field(default_factory=dict)
-    """Of this package and of those that compute."""
+    command: Mapping[str, Any] = field(default_factory=dict)  # How the clip was called and read.
+    versions: Mapping[str, str] = field(default_factory=dict)  # Of this package and of those that compute.
     figures: Mapping[str, float | None] = field(default_factory=dict)
     """By name, in the unit in the name; None where a figure is undefined."""
     object_surfaces: Mapping[str, str] = field(default_factory=dict)
@@ -284,22 +277,16 @@ class Report:
     unreached_contacts: tuple[Event, ...] | None = None
     thin_air_contacts: tuple[Event, ...] | None = None
     sunk_links: tuple[Event, ...] = ()
-    pins: tuple[PinnedPart, ...] = ()
-    """All parts that were pinned by hand."""
-    holds: tuple[HoldNote, ...] = ()
-    """Of hands, in surface contact."""
-    object_shift: ObjectShift | None = None
-    """None where its path is that of the recording."""
+    pins: tuple[PinnedPart, ...] = ()  # All parts that were pinned by hand.
+    holds: tuple[HoldNote, ...] = ()  # Of hands, in surface contact.
+    object_shift: ObjectShift | None = None  # None where its path is that of the recording.
     orientation_flips: tuple[Event, ...] | None = None
     trunk_turns: tuple[Event, ...] = ()
-    rotation_jumps: tuple[RotationJump, ...] = ()
-    """Of the recording, which the robot does not follow."""
+    rotation_jumps: tuple[RotationJump, ...] = ()  # Of the recording, which the robot does not follow.
     inter_robot_hand_errors: tuple[InterRobotHandError, ...] = ()
     inter_robot_penetrations: tuple[Event, ...] = ()
-    cpu_seconds: Mapping[str, float] = field(default_factory=dict)
-    """CPU time by stage [s]."""
-    performance: Performance | None = None
-    """How a simulated robot performed it; None where none has."""
+    cpu_seconds: Mapping[str, float] = field(default_factory=dict)  # CPU time by stage [s].
+    performance: Performance | None = None  # How a simulated robot performed it; None where none has.
 
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_json` reads again."""

@@ -27,8 +27,7 @@ class ObjectGeometry:
 
     points: Float[np.ndarray, "P 3"]
     """Points that contain the extreme ones in every direction (mesh or hull vertices) [m]."""
-    mesh_path: Path | None = None
-    """The mesh file, for pictures and the surface; None where only points are known."""
+    mesh_path: Path | None = None  # The mesh file, for pictures and the surface; None where only points are known.
     faces: Int[np.ndarray, "F 3"] | None = None
     """Triangles over `points`, where these are a whole mesh; None where they are not."""
     file: Path | None = None
@@ -69,8 +68,7 @@ JointKind = Literal["fixed", "hinge", "slide"]
 class ObjectJoint:
     """How an object moves in the frame of another one, of which it is a part; raises `ClipError` for a bad axis."""
 
-    parent: str
-    """Name of the other object; empty for the world, in which a joint is `fixed`."""
+    parent: str  # Name of the other object; empty for the world, in which a joint is `fixed`.
     kind: JointKind
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit vector of a hinge's or a slide's axis in the parent's frame."""
@@ -89,13 +87,10 @@ class ObjectTrack:
     """One object's pose over time, its geometry, and its joint where it is a part of another object."""
 
     name: str
-    positions: Float[np.ndarray, "T 3"]
-    """World position of the object's origin [m]."""
-    quats: Float[np.ndarray, "T 4"]
-    """World rotation, wxyz."""
+    positions: Float[np.ndarray, "T 3"]  # World position of the object's origin [m].
+    quats: Float[np.ndarray, "T 4"]  # World rotation, wxyz.
     geometry: ObjectGeometry
-    joint: ObjectJoint | None = None
-    """On another object of the clip; None where it is free."""
+    joint: ObjectJoint | None = None  # On another object of the clip; None where it is free.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "positions", frozen(self.positions))

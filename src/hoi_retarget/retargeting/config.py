@@ -30,8 +30,7 @@ class Scaling:
     """Human size to robot size; auto divides the robot's stature by the mean height of the clip's people."""
     object_scale: float | Literal["auto"] = "auto"
     """Size of the object; 1.0 keeps it, auto shrinks or keeps it, as suits the robot."""
-    size_multiplier: float = 1.0
-    """On top of the object scale, to make several motions of one clip."""
+    size_multiplier: float = 1.0  # On top of the object scale, to make several motions of one clip.
     body_scale: float | Literal["root"] = "root"
     """Human to robot: the size of the body; it differs from the root scale where different robots share one world."""
 
@@ -61,45 +60,32 @@ class Weights:
     Units are those of the residual: metres, radians, or the Frobenius norm of a difference of rotations.
     """
 
-    joint_position: float = 1.0
-    """E^theta [1/rad^2]"""
-    base_position: float = 1.0
-    """E^b [1/m^2]"""
-    head_position: float = 1.0
-    """E^h [1/m^2]"""
-    feet_position: float = 100.0
-    """E^f [1/m^2]"""
-    torso_orientation: float = 1.0
-    """E^r"""
-    object_contact: float = 1000.0
-    """E^c [1/m^2]"""
-    hand_orientation: float = 5.0
-    """E^ho"""
-    stance_height: float = 2000.0
-    """E^fz [1/m^2]"""
-    stance_orientation: float = 10.0
-    """E^fo"""
+    joint_position: float = 1.0  # E^theta [1/rad^2]
+    base_position: float = 1.0  # E^b [1/m^2]
+    head_position: float = 1.0  # E^h [1/m^2]
+    feet_position: float = 100.0  # E^f [1/m^2]
+    torso_orientation: float = 1.0  # E^r
+    object_contact: float = 1000.0  # E^c [1/m^2]
+    hand_orientation: float = 5.0  # E^ho
+    stance_height: float = 2000.0  # E^fz [1/m^2]
+    stance_orientation: float = 10.0  # E^fo
     jerk: float = 1e-3
     """E^j [s^4]: multiplies the squared third difference of q divided by dt^2, at 30 frames a second.
 
     At other rates it is scaled so that its share of the cost stays what it is at 30.
     """
-    trunk_orientation: float = 6.0
-    """Rotations of torso and pelvis in the world, in surface contact; not in the paper."""
+    trunk_orientation: float = 6.0  # Rotations of torso and pelvis in the world, in surface contact; not in the paper.
     stance_anchor: float = 6e4
     """Feet that keep one place while they stand [1/m^2], in surface contact; not in the paper."""
-    floor_clearance: float = 2000.0
-    """Sole corners under the floor [1/m^2]; not in the paper."""
+    floor_clearance: float = 2000.0  # Sole corners under the floor [1/m^2]; not in the paper.
     self_clearance: float = 6e4
     """Points of a link's skin, 6 mm apart, in another link [1/m^2], in surface contact; not in the paper."""
-    link_floor: float = 5e3
-    """Skin of any link under the floor [1/m^2], in surface contact; not in the paper."""
+    link_floor: float = 5e3  # Skin of any link under the floor [1/m^2], in surface contact; not in the paper.
     surface_touch: float = 2e4
     """Skin off the surface that it is to touch [1/m^2], in surface contact; not in the paper."""
     clearance: float = 8e4
     """Skin inside an object, or an object inside the robot [1/m^2], in surface contact; not in the paper."""
-    pin: float = 3e4
-    """Parts that are pinned by hand [1/m^2]; not in the paper."""
+    pin: float = 3e4  # Parts that are pinned by hand [1/m^2]; not in the paper.
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -128,12 +114,9 @@ SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 50.0, 
 class Horizon:
     """Number of frames that are solved at once."""
 
-    length: int = 1000
-    """Frames in a window; a clip that is no longer is solved whole."""
-    overlap: int = 60
-    """Frames that a window shares with the one before."""
-    pinned: int = PINNED
-    """Leading frames of a window that keep what the one before found; three carry the jerk over."""
+    length: int = 1000  # Frames in a window; a clip that is no longer is solved whole.
+    overlap: int = 60  # Frames that a window shares with the one before.
+    pinned: int = PINNED  # Leading frames of a window that keep what the one before found; three carry the jerk over.
 
     def __post_init__(self) -> None:
         if not 0 <= self.pinned <= self.overlap < self.length:
@@ -182,8 +165,7 @@ def parse_horizon(text: str) -> Horizon:
 class IkWeights:
     """Weights of the IK stage on top of the robot's own table."""
 
-    smoothness: float = 5.0
-    """First differences of q [1/frame^2]."""
+    smoothness: float = 5.0  # First differences of q [1/frame^2].
 
     def __post_init__(self) -> None:
         if not (isfinite(self.smoothness) and self.smoothness >= 0):
@@ -195,8 +177,7 @@ class IkConfig:
     """Options of the IK stage."""
 
     weights: IkWeights = IkWeights()
-    stride: int = 10
-    """The first solve sees every n-th frame; the second starts from its interpolation."""
+    stride: int = 10  # The first solve sees every n-th frame; the second starts from its interpolation.
     solver: BandedInteriorPoint = BandedInteriorPoint(max_iterations=60, tolerance=1e-3, step_tolerance=2e-2)
 
     def __post_init__(self) -> None:
@@ -216,8 +197,7 @@ class Config:
     scaling: Scaling = Scaling()
     weights: Weights = Weights()
     ik: IkConfig = IkConfig()
-    solver: Solver = BandedInteriorPoint()
-    """Of the trajectory; any value with a `solve` method."""
+    solver: Solver = BandedInteriorPoint()  # Of the trajectory; any value with a `solve` method.
     horizon: Horizon = Horizon()
     contact: ContactKind = "surface"
     """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything, or the palm's
@@ -227,10 +207,8 @@ class Config:
     free hands keep the object, which takes seconds of CPU a clip."""
     object_path: ObjectPathKind = "free"
     """Whether a lifted object may give way, by 3 cm and 5 degrees at most, where arms cannot reach the holds on it."""
-    physics: Physics = Physics()
-    """Decides figures of physics and holds, not the motion else."""
-    figures: FigureSet = "all"
-    """Figures that are computed; the motion does not depend on them."""
+    physics: Physics = Physics()  # Decides figures of physics and holds, not the motion else.
+    figures: FigureSet = "all"  # Figures that are computed; the motion does not depend on them.
 
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_table` reads again."""

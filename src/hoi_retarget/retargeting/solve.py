@@ -43,8 +43,7 @@ class Solution:
     person: int
     targets: Targets
     motion: Motion
-    kinematics: Kinematics
-    """The model's `forward(motion.qpos)`."""
+    kinematics: Kinematics  # The model's `forward(motion.qpos)`.
 
     @classmethod
     def of(cls, clip: Clip, person: int, targets: Targets, motion: Motion, model: RobotModel) -> "Solution":

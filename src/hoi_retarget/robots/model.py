@@ -34,35 +34,24 @@ class RobotModel:
 
     spec: RobotSpec
     joint_names: tuple[str, ...]
-    lower: Float[np.ndarray, "n"]
-    """Joint range [rad]."""
+    lower: Float[np.ndarray, "n"]  # Joint range [rad].
     upper: Float[np.ndarray, "n"]
     speed_limits: Float[np.ndarray, "n"]  # [rad/s]
-    torque_limits: Float[np.ndarray, "n"]
-    """[N m]; infinite where the MJCF has none (`actuatorfrcrange`)."""
+    torque_limits: Float[np.ndarray, "n"]  # [N m]; infinite where the MJCF has none (`actuatorfrcrange`).
     home_qpos: Float[np.ndarray, "nq"]
-    parents: Int[np.ndarray, "n"]
-    """Parent node of hinge node `1 + j`."""
-    offsets: Float[np.ndarray, "3 n"]
-    """Origin of a hinge's node in its parent's frame [m]."""
+    parents: Int[np.ndarray, "n"]  # Parent node of hinge node `1 + j`.
+    offsets: Float[np.ndarray, "3 n"]  # Origin of a hinge's node in its parent's frame [m].
     hinge_rotations: Float[np.ndarray, "3 3 3 n"]
     """`R(theta) = [0] + [1] cos(theta) + [2] sin(theta)`: node to parent rotation."""
-    axes: Float[np.ndarray, "3 n"]
-    """Hinge axis in its node's frame."""
-    bodies: robot_frames.Attachments
-    """Bodies with mass, in MuJoCo's order."""
-    inertias: robot_frames.Inertias
-    """Of those bodies."""
+    axes: Float[np.ndarray, "3 n"]  # Hinge axis in its node's frame.
+    bodies: robot_frames.Attachments  # Bodies with mass, in MuJoCo's order.
+    inertias: robot_frames.Inertias  # Of those bodies.
     geometries: robot_frames.Geometries
     sites: robot_frames.Attachments
-    site_bodies: tuple[str, ...]
-    """Body that carries each site."""
-    body_frames: robot_frames.Attachments
-    """All bodies, those without mass included."""
-    levels: tuple[Int[np.ndarray, "_"], ...]
-    """Hinges by depth; all of one level can be computed at once."""
-    supports: Float[np.ndarray, "N N"]
-    """`[a, b]` is 1 when node `a` is `b` or an ancestor of it."""
+    site_bodies: tuple[str, ...]  # Body that carries each site.
+    body_frames: robot_frames.Attachments  # All bodies, those without mass included.
+    levels: tuple[Int[np.ndarray, "_"], ...]  # Hinges by depth; all of one level can be computed at once.
+    supports: Float[np.ndarray, "N N"]  # `[a, b]` is 1 when node `a` is `b` or an ancestor of it.
 
     def __repr__(self) -> str:
         return f"<RobotModel {self.spec.name}: {self.n} joints>"

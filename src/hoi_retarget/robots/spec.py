@@ -91,20 +91,15 @@ class HeldJoint:
 class RobotSpec:
     """One robot: a module of data beside its MJCF, or one that the user added."""
 
-    name: str
-    """As given on the command line and stored in results."""
+    name: str  # As given on the command line and stored in results.
     title: str
     mjcf: Path
-    provenance: str
-    """Source and licence of the numbers of the MJCF."""
-    stature: float
-    """Human height times root scale [m]: a human of this height is retargeted without scaling."""
+    provenance: str  # Source and licence of the numbers of the MJCF.
+    stature: float  # Human height times root scale [m]: a human of this height is retargeted without scaling.
     object_size: Literal["root", "captured"]
     """Meaning of `--object-scale auto`: objects shrink with the root scale, or keep their size."""
-    speed_limits: Mapping[str, float]
-    """Joint speed limits [rad/s], one for every hinge."""
-    home: Mapping[str, float]
-    """Joint angles [rad] of a relaxed standing pose; joints not named are at zero."""
+    speed_limits: Mapping[str, float]  # Joint speed limits [rad/s], one for every hinge.
+    home: Mapping[str, float]  # Joint angles [rad] of a relaxed standing pose; joints not named are at zero.
     ik: tuple[IkRow, ...]
     posture_weight: float = 0.5
     """IK weight of joint angles near the home pose [1/rad^2]: decides what the sites leave free."""
@@ -128,24 +123,21 @@ class RobotSpec:
     out of reach, whose terms pull at the contacts for good."""
     dropped_rotations: tuple[str, ...] = ()
     """Sites whose rotations are not followed, because the joints before them cannot turn them freely."""
-    sites: Mapping[str, SitePose] = field(default_factory=dict)
-    """Sites that the MJCF lacks, by role."""
+    sites: Mapping[str, SitePose] = field(default_factory=dict)  # Sites that the MJCF lacks, by role.
     meshes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Body name to the manufacturer's mesh file names, for pictures where a user has those files."""
     motors: Mapping[str, Motor] = field(default_factory=dict)
     """Drives by joint, where they are published; `dynamics/actuators.py` estimates others."""
     skin: Path | None = None
     """File of the links' skins, made from the manufacturer's meshes; else the colliding geometries are the skin."""
-    held: tuple[HeldJoint, ...] = ()
-    """Joints of the source file that are not moved; exports give them back."""
+    held: tuple[HeldJoint, ...] = ()  # Joints of the source file that are not moved; exports give them back.
     couplings: tuple[HeldJoint, ...] = ()
     """Joints that move here, and on the robot follow another one, or have no drive of their own."""
     joint_order: tuple[str, ...] = ()
     """All joints of the source file in its order, held ones included; empty where none is held."""
     description_file: str = ""
     """Name of the source file that the robot was made from; empty for the robots of this package."""
-    description_sha256: str = ""
-    """Digest of that file."""
+    description_sha256: str = ""  # Digest of that file.
 
     @property
     def contact_sites(self) -> Mapping[str, str]:

@@ -40,15 +40,12 @@ class Solver(Protocol):
 class BandedInteriorPoint:
     """The options of the interior-point Gauss-Newton solver."""
 
-    max_iterations: int = 200
-    """Iterations after which the solve stops."""
-    tolerance: float = 3e-4
-    """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
+    max_iterations: int = 200  # Iterations after which the solve stops.
+    tolerance: float = 3e-4  # Predicted decrease and complementarity gap, relative to the cost, at which it is solved.
     step_tolerance: float = 10.0
     """Largest last step of any coordinate [m, rad] with which it is solved before the last iteration: where costs stay
     large, a small relative decrease can still be a large step. Ten is no limit."""
-    fraction_to_boundary: float = 0.995
-    """Largest part of the way to a bound taken in one step."""
+    fraction_to_boundary: float = 0.995  # Largest part of the way to a bound taken in one step.
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1:
