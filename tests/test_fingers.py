@@ -11,10 +11,19 @@ from hypothesis import strategies as st
 
 from finger_robot import FINGERS, finger_robot
 from hoi_retarget.clip.clip import ContactTrack
-from hoi_retarget.clip.label_contacts import CAPSULE_FINGERS, LABELLED, ON_SURFACE, finger_contacts, of_part
+from hoi_retarget.clip.edits import ContactEdits, Move, apply, segments_of
+from hoi_retarget.clip.label_contacts import (
+    CAPSULE_FINGERS,
+    LABELLED,
+    ON_SURFACE,
+    finger_contacts,
+    of_part,
+    with_finger_contacts,
+)
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import evaluate
 from hoi_retarget.human.skeleton import FINGER_PARTS
+from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.builtin_clips import builtin_clip
 from hoi_retarget.readers.open import open_clip
@@ -33,6 +42,7 @@ from hoi_retarget.robots.adding.description import read_description
 from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES, HeldJoint
+from hoi_retarget.studio.editor.edit_session import EditSession, solved
 from synthetic.mug import raise_mug
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -190,6 +200,55 @@ def test_points_of_labelled_fingers_off_the_surface_become_its_nearest():
     assert np.array_equal(found.active, labelled.active & (gaps < LABELLED)) and found.active.any()
     assert surface.distances(found.contact_points[found.active]).max() < 1e-6
     np.testing.assert_array_equal(found.contact_points[found.active], nearest[found.active])
+
+
+def test_a_hand_that_is_moved_takes_its_fingers_along_its_object():
+    surface = surface_of(clip().objects[0].geometry)
+    whole = with_finger_contacts(clip(), 0)
+    for one, again in zip(whole.contacts, with_finger_contacts(whole, 0).contacts, strict=True):
+        assert one.part == again.part and np.array_equal(one.active, again.active)
+        np.testing.assert_array_equal(one.contact_points, again.contact_points)
+    offset = np.array([0.02, 0.0, 0.03])
+    hand = next(item for item in segments_of(clip()) if item.part == "left_hand")
+    edits = ContactEdits.of(clip()).adding(Move("left_hand", hand.start, tuple(offset.tolist())))
+    before, after = (finger_contacts(whole, 0), with_finger_contacts(apply(clip(), edits), 0).contacts)
+    for track in before:
+        pieces = [item for item in after if item.part == track.part]
+        (found,) = [item.contact_points for item in pieces]
+        inside = track.active & (np.arange(clip().frames) >= hand.start) & (np.arange(clip().frames) < hand.stop)
+        moved = track.contact_points + (offset if track.part.startswith("left") else 0.0)
+        np.testing.assert_allclose(found[inside], surface.closest_points(moved[inside]), atol=1e-9)
+
+
+def test_a_finger_found_by_geometry_is_edited_as_one_that_is_labelled():
+    whole = with_finger_contacts(clip(), 0)
+    thumb = next(item for item in segments_of(whole) if item.part == "left_thumb")
+    edits = ContactEdits.of(clip()).adding(Move("left_thumb", thumb.start, (0.0, 0.0, 0.02)))
+    edited = with_finger_contacts(apply(clip(), edits), 0)
+    surface = surface_of(clip().objects[0].geometry)
+    for item, other in zip(segments_of(whole), segments_of(edited), strict=True):
+        assert (item.part, item.start, item.stop) == (other.part, other.start, other.stop)
+        wanted = item.points
+        if item.part == "left_thumb" and item.start == thumb.start:
+            wanted = surface.closest_points(wanted + np.array([0.0, 0.0, 0.02]))
+            assert np.abs(wanted - item.points).max() > 0.01
+        np.testing.assert_allclose(other.points, wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", ["left_hand", "left_thumb"])
+def test_an_edited_contact_moves_the_finger_at_once(model, part):
+    config = Config()
+    start = solved(clip(), model, config, ContactEdits.of(clip()))
+    assert {item.part for item in start.segments} >= {"left_hand", "left_thumb", "right_ring"}
+    frame = next(item for item in start.segments if item.part == part).start + 5
+    after = EditSession(clip(), model, config, start).preview(Move(part, frame, (0.0, 0.0, 0.03)), quickly=False)
+    places = []
+    for state in (start, after):
+        (motion,) = state.motions
+        pad = model.forward(motion.qpos).site_position("left_thumb")
+        places.append(se3.rotate_inverse(motion.object_quat[:, 0], pad - motion.object_pos[:, 0])[frame + 15])
+    moved = (places[1] - places[0])[2] / start.motions[0].object_scale[0]
+    assert 0.015 < moved < 0.045
 
 
 def test_labels_of_fingers_far_from_their_object_are_late():

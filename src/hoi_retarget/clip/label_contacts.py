@@ -14,14 +14,7 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.human.capsules import (
-    BODY_CAPSULES,
-    FINGER_CAPSULES,
-    PART_CAPSULES,
-    RESTING_CAPSULES,
-    Spheres,
-    spheres,
-)
+from hoi_retarget.human import capsules
 from hoi_retarget.human.person import Person, stance
 from hoi_retarget.human.skeleton import BODY_PARTS, FEET, FINGER_PARTS, HANDS, PARTS
 from hoi_retarget.human.skinned_mesh import vertices_of
@@ -111,19 +104,21 @@ def label_contacts(
 def with_finger_contacts(clip: Clip, person: int) -> Clip:
     """Return a clip with the contacts of a person's fingers on the surface; raises as `finger_contacts`."""
     others = [track for track in clip.contacts if track.person != person or track.part not in FINGER_PARTS]
-    return replace(clip, contacts=(*others, *finger_contacts(clip, person)))
+    return replace(clip, contacts=(*others, *(_edited(clip, track) for track in finger_contacts(clip, person))))
 
 
 def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
     """Return the contacts of a person's fingers: as labelled, or found while their hands touch.
 
     Points are the clip's where these are on the surface, else the object's nearest: labels may be late, by tenths of a
-    second, and fingers that are off by then do not touch. None are found of fingers that are made up. Raises
-    `GeometryError` where an object's mesh cannot be read.
+    second, and fingers that are off by then do not touch. None are found of fingers that are made up. Points that
+    somebody moved are where they were. Raises `GeometryError` where an object's mesh cannot be read.
     """
     human, found = clip.people[person], []
     labelled = [track for track in clip.contacts if track.person == person and track.part in FINGER_PARTS]
     if labelled:
+        if clip.recorded_contacts:
+            labelled = [replace(one, contact_points=recorded_points(clip, one, one.contact_points)) for one in labelled]
         return tuple(_on_surface(human, track, clip.objects[track.object]) for track in labelled)
     rule = CAPSULE_FINGERS if human.shape is None else SKIN_FINGERS
     for track in clip.contacts:
@@ -136,6 +131,32 @@ def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
             active = flags & track.active
             found.append(ContactTrack(person, track.object, item.part, active, _surface_points(item, active)))
     return tuple(found)
+
+
+def recorded_points(clip: Clip, track: ContactTrack, points: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "T 3"]:
+    """Return the points of a contact before it was edited [m], and the given ones where it is new."""
+    owner = track.person, track.part, track.object
+    for item in clip.recorded_contacts:
+        if (item.person, item.part, item.object) == owner:
+            points = np.where(item.active[:, None], item.contact_points, points)
+    return points
+
+
+def _edited(clip: Clip, finger: ContactTrack) -> ContactTrack:
+    """Return a finger's contact moved along the surface as somebody moved its hand's, and its own."""
+    points, parts = finger.contact_points.copy(), (f"{finger.part.split('_')[0]}_hand", finger.part)
+    if not clip.recorded_contacts:
+        return finger
+    for track in clip.contacts:
+        if (track.person, track.object) == (finger.person, finger.object) and track.part in parts:
+            before = recorded_points(clip, track, track.contact_points)
+            turned = se3.rotate(se3.exp(np.radians(track.turn)), points - before)
+            points = np.where((track.active & finger.active)[:, None], track.contact_points + turned, points)
+    moved = np.flatnonzero((points != finger.contact_points).any(axis=1) & finger.active)
+    if not moved.size:
+        return finger
+    points[moved] = surface_of(clip.objects[finger.object].geometry).closest_points(points[moved])
+    return replace(finger, contact_points=points)
 
 
 def _on_surface(human: Person, track: ContactTrack, touched: ObjectTrack) -> ContactTrack:
@@ -153,7 +174,8 @@ def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
     """
     track = clip.objects[index]
     surface = surface_of(track.geometry)
-    return np.min([nearest_to(spheres(human, BODY_CAPSULES), track, surface)[0] for human in clip.people], axis=0)
+    bodies = (capsules.spheres(human, capsules.BODY_CAPSULES) for human in clip.people)
+    return np.min([nearest_to(body, track, surface)[0] for body in bodies], axis=0)
 
 
 def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
@@ -175,7 +197,7 @@ def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
 _Near = tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"]]
 
 
-def nearest_to(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
+def nearest_to(balls: capsules.Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     """Return distance and point of the nearest sphere in each frame."""
     middles = se3.rotate_inverse(track.quats[:, None], balls.middles - track.positions[:, None])
     radii = np.broadcast_to(balls.radii, middles.shape[:2])
@@ -204,12 +226,12 @@ def of_part(human: Person, part: str, tracks: Sequence[ObjectTrack]) -> list[_Ne
 
     The skin's vertices are spheres without a size. Raises `GeometryError` where an object's mesh cannot be read.
     """
-    capsules = (PART_CAPSULES | RESTING_CAPSULES | FINGER_CAPSULES)[part]
+    own = (capsules.PART_CAPSULES | capsules.RESTING_CAPSULES | capsules.FINGER_CAPSULES)[part]
     surfaces = [surface_of(track.geometry) for track in tracks]
     if human.shape is None:
-        balls = spheres(human, capsules)
+        balls = capsules.spheres(human, own)
         return [nearest_to(balls, track, surface) for track, surface in zip(tracks, surfaces, strict=True)]
-    joints = tuple({capsule.joint for capsule in capsules})
+    joints = tuple({capsule.joint for capsule in own})
     vertices = vertices_of(human.shape.owners, joints)
     found: list[list[_Near]] = [[] for _ in tracks]
     for first in range(0, len(human.joint_quats), _SKIN_FRAMES):
@@ -217,7 +239,7 @@ def of_part(human: Person, part: str, tracks: Sequence[ObjectTrack]) -> list[_Ne
         skin = human.shape.skin(human.joint_positions[frames], human.joint_quats[frames], vertices)
         for track, surface, near in zip(tracks, surfaces, found, strict=True):
             piece = replace(track, positions=track.positions[frames], quats=track.quats[frames])
-            near.append(nearest_to(Spheres(skin, np.zeros(len(vertices))), piece, surface))
+            near.append(nearest_to(capsules.Spheres(skin, np.zeros(len(vertices))), piece, surface))
     return [(np.concatenate([gap for gap, _ in near]), np.concatenate([point for _, point in near])) for near in found]
 
 

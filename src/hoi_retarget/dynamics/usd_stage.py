@@ -40,7 +40,6 @@ def usd_file(scene: PhysicsScene, motion: Motion) -> bytes:
     geometry.SetStageMetersPerUnit(stage, 1.0)
     physics.SetStageKilogramsPerUnit(stage, 1.0)
     stage.SetTimeCodesPerSecond(motion.fps)
-    stage.SetFramesPerSecond(motion.fps)
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(len(qpos) - 1)
     stage.SetDefaultPrim(geometry.Xform.Define(stage, "/World").GetPrim())
@@ -53,8 +52,8 @@ def usd_file(scene: PhysicsScene, motion: Motion) -> bytes:
             _add_shape(stage, f"{path}/shape_{geom}", simulated, geom)
         moved.append((prim.AddTranslateOp(), prim.AddOrientOp(geometry.XformOp.PrecisionDouble)))
         if body:
-            rigid = physics.RigidBodyAPI.Apply(prim.GetPrim())
-            rigid.CreateKinematicEnabledAttr(body not in objects or objects[body].path is not None)
+            moves_alone = body in objects and objects[body].path is None
+            physics.RigidBodyAPI.Apply(prim.GetPrim()).CreateKinematicEnabledAttr(not moves_alone)
         if body in objects:
             mass = physics.MassAPI.Apply(prim.GetPrim())
             mass.CreateMassAttr(float(simulated.body_mass[body]))
@@ -91,8 +90,7 @@ def _paths(simulated: mujoco.MjModel, objects: Sequence[int]) -> list[str]:
 def _add_shape(stage: Any, path: str, simulated: mujoco.MjModel, geom: int) -> None:
     """Add a geometry to its body."""
     gf, geometry, physics = map(_library, ("Gf", "UsdGeom", "UsdPhysics"))
-    kind, size = simulated.geom_type[geom], simulated.geom_size[geom].tolist()
-    scale = None
+    kind, size, scale = simulated.geom_type[geom], simulated.geom_size[geom].tolist(), None
     match kind:
         case _GEOM.mjGEOM_PLANE:
             shape = geometry.Plane.Define(stage, path)

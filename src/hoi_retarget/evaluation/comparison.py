@@ -1,6 +1,6 @@
 """The human and the robot side by side, frame by frame, and the figures of merit that are computed from the two."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -94,16 +94,6 @@ class Comparison:
             for track in clip.contacts
             if track.person == self.person
         )
-
-    @cached_property
-    def recorded_points(self) -> Mapping[tuple[str, int], Float[np.ndarray, "F 3"]]:
-        """Recorded contact points of edited contacts by part and object [m], NaN where there is none; else empty."""
-        found: dict[tuple[str, int], Float[np.ndarray, "F 3"]] = {}
-        for track in self.clip.recorded_contacts:
-            if track.person == self.person:
-                points, key = track.contact_points[self.first :], (track.part, track.object)
-                found[key] = np.where(track.active[self.first :, None], points, found.get(key, points))
-        return found
 
     @property
     def hand_contacts(self) -> tuple[ContactTrack, ...]:

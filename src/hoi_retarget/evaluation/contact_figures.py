@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import ContactTrack
+from hoi_retarget.clip.label_contacts import recorded_points
 from hoi_retarget.evaluation.comparison import (
     FOOT_SITES,
     HAND_SITES,
@@ -264,7 +265,7 @@ def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) ->
         chosen = np.flatnonzero(active & (nearest == index))
         pose = distances.poses[skin.link].at(chosen).relative_to(placed.pose.at(chosen))
         touching[chosen] = pose.placed(skin.points[pair.point[chosen]])
-    recorded = view.recorded_points.get((track.part, track.object), never)
+    recorded = recorded_points(view.clip, track, np.full((view.clip.frames, 3), np.nan))[view.first :]
     recorded = np.where((norms(recorded - track.contact_points) > _EDITED_M)[:, None], recorded, np.nan)
     place, before = (_place_distances(placed, touching, points) for points in (track.contact_points, recorded))
     area, uncovered, faces = np.zeros(len(active)), place.copy(), np.zeros(len(active), dtype=bool)

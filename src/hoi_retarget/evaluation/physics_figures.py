@@ -35,12 +35,14 @@ def grip_figures(margins: Sequence[GripMargin]) -> dict[str, float | None]:
     sides = {
         "grip_margin_g": [item.robot for item in margins],
         "person_grip_margin_g": [item.human for item in margins],
-        "closure_epsilon": [item.robot_closure for item in margins],
-        "person_closure_epsilon": [item.human_closure for item in margins],
+        "closure_epsilon_share": [item.robot_closure for item in margins],
+        "person_closure_epsilon_share": [item.human_closure for item in margins],
     }
     values = {name: np.concatenate([np.zeros(0), *own]) for name, own in sides.items()}
     found = {name: own[np.isfinite(own)] for name, own in values.items()}
-    shares = {f"{name}_share": (found[f"{name}_epsilon"] > 0.0).astype(float) for name in ("closure", "person_closure")}
+    shares = {
+        f"{name}_share": (found[f"{name}_epsilon_share"] > 0.0).astype(float) for name in ("closure", "person_closure")
+    }
     return {name: mean_or_none(own) for name, own in (found | shares).items()}
 
 
@@ -72,13 +74,14 @@ FEASIBILITY = (
     _figure("one_hand_unheld_s", "one hand cannot hold", "s", "Time in which one hand alone holds what it cannot", 2),
 )
 
+_PERSONS = "The same of the person's own hands"
 GRIP = (
     _figure("grip_margin_g", "grip margin", "g", "Acceleration of held objects that hands bear", 2, "higher"),
-    _figure("person_grip_margin_g", "person's margin", "g", "The same of the person's own hands", 2, "higher"),
+    _figure("person_grip_margin_g", "person's margin", "g", _PERSONS, 2, "higher"),
     _figure("closure_share", "force closure", "%", "Time in which hands resist any small wrench on it", 0, "higher"),
-    _figure("person_closure_share", "person's closure", "%", "The same of the person's own hands", 0, "higher"),
-    _figure("closure_epsilon", "closure epsilon", "", "Least wrench that one unit of their force resists", 2, "higher"),
-    _figure("person_closure_epsilon", "person's epsilon", "", "The same of the person's own hands", 2, "higher"),
+    _figure("person_closure_share", "person's closure", "%", _PERSONS, 0, "higher"),
+    _figure("closure_epsilon_share", "closure epsilon", "%", "Least wrench that their unit force resists", 0, "higher"),
+    _figure("person_closure_epsilon_share", "person's epsilon", "%", _PERSONS, 0, "higher"),
 )
 
 

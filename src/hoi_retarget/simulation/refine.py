@@ -19,16 +19,9 @@ from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import savitzky_golay
 from hoi_retarget.robots.spec import PALMS
+from hoi_retarget.simulation import control
 from hoi_retarget.simulation.approach import arm_joints
 from hoi_retarget.simulation.balance_transition import with_lead_in_and_out
-from hoi_retarget.simulation.control import (
-    KNOT,
-    TrackingProblem,
-    changes_at,
-    feedback_gains,
-    rollout_gains,
-    simulated_costs,
-)
 from hoi_retarget.simulation.object_hold import MEAN_M, off_path
 from hoi_retarget.simulation.rollout import (
     TICK,
@@ -122,9 +115,11 @@ class _Refinement:
         simulated = compiled(scene)
         self.unextended = reference
         reference, self.first, _ = with_lead_in_and_out(scene, reference)
-        gains = feedback_gains(scene, simulated, reference, objects=False)
+        gains = control.feedback_gains(scene, simulated, reference, objects=False)
         cost = TrackingCost(scene, reference)
-        self.problem = TrackingProblem(scene, simulated, reference, drive_targets(scene, reference), gains, cost)
+        self.problem = control.TrackingProblem(
+            scene, simulated, reference, drive_targets(scene, reference), gains, cost
+        )
         self.settings, self.random = settings, np.random.default_rng(seed)
         self.noise = settings.noise * _noise(scene)
         self.data = mujoco.MjData(simulated)
@@ -134,13 +129,15 @@ class _Refinement:
         self.performed = 0  # Last tick of the robot on its feet.
         self.steps = 0
         ahead = round(settings.horizon / TICK) * self.problem.steps
-        self.budget = _BUDGET * settings.iterations * settings.samples * ahead * self.last / KNOT
+        self.budget = _BUDGET * settings.iterations * settings.samples * ahead * self.last / control.KNOT
 
     def run(self, on_progress: Callable[[Progress], None]) -> Refined:
         reference = self.problem.reference
         self.data.qpos[:], self.data.qvel[:] = reference.qpos[0], reference.qvel[0]
         self.qpos[0], self.qvel[0] = reference.qpos[0], reference.qvel[0]
-        states = [self._saved_state(0, np.zeros((round(self.settings.horizon / (KNOT * TICK)) + 1, len(self.noise))))]
+        states = [
+            self._saved_state(0, np.zeros((round(self.settings.horizon / (control.KNOT * TICK)) + 1, len(self.noise))))
+        ]
         samples, until, fell = self.settings.samples, 0, False
         while states[-1].tick < self.last and not fell:
             now = states[-1]
@@ -148,14 +145,14 @@ class _Refinement:
                 samples = self.settings.samples
             knots, cost = self._plan(now, samples)
             fell = not self._execute(now.tick, knots)
-            tick = min(now.tick + KNOT, self.last)
+            tick = min(now.tick + control.KNOT, self.last)
             performed = float(np.clip(TICK * (tick - self.first), 0.0, self.unextended.seconds))
             on_progress(Progress(performed, cost, samples))
             failing = fell or cost > _RUNAWAY or self._strays(tick)
             if failing and samples < self.settings.most_samples and self.steps < self.budget:
                 kept = states[: max(1, len(states) - _BACKTRACK)]
                 if fell or not self._strays(kept[-1].tick):
-                    until = max(until, tick + KNOT)  # It never shrinks, so that there is an end.
+                    until = max(until, tick + control.KNOT)  # It never shrinks, so that there is an end.
                     states, samples, fell = kept, min(2 * samples, self.settings.most_samples), False
                     self._restore(states[-1])
                     continue
@@ -183,7 +180,7 @@ class _Refinement:
 
     def _plan(self, state: _SampledState, samples: int) -> tuple[np.ndarray, float]:
         """Return knots of little cost, and the cost: the mean, which is smoother, or the best sample."""
-        length = min(KNOT * (len(state.knots) - 1), self.last - state.tick)
+        length = min(control.KNOT * (len(state.knots) - 1), self.last - state.tick)
         mean, spread = state.knots, np.tile(self.noise, (len(state.knots), 1))
         best, least = state.knots, np.inf
         elite = max(4, round(_ELITE * samples))
@@ -205,7 +202,7 @@ class _Refinement:
         return (final[0], smooth) if smooth <= _SMOOTH_COST_FACTOR * rough else (best, rough)
 
     def _costs(self, tick: int, knots: np.ndarray, length: int) -> np.ndarray:
-        cost = simulated_costs(self.problem, self.data, tick, knots, length)
+        cost = control.simulated_costs(self.problem, self.data, tick, knots, length)
         self.steps += len(knots) * length * self.problem.steps
         sizes = knots / np.maximum(self.noise, _MIN_NOISE)
         rough = np.mean(np.diff(sizes, axis=1) ** 2, axis=(1, 2))
@@ -214,8 +211,8 @@ class _Refinement:
     def _execute(self, tick: int, knots: np.ndarray) -> bool:
         """Simulate a plan until the next one; return whether the robot is on its feet."""
         problem, data = self.problem, self.data
-        for now in range(tick, min(tick + KNOT, self.last)):
-            changes = changes_at(knots[None], now - tick)
+        for now in range(tick, min(tick + control.KNOT, self.last)):
+            changes = control.changes_at(knots[None], now - tick)
             if now in (self.first, self.first + len(self.unextended.qpos) - 1):
                 data.qacc_warmstart[:] = 0.0  # As where a simulation of the motion, or of a lead, begins.
             data.ctrl[:] = problem.targets_at(now, data.qpos[None], data.qvel[None], changes)[0]
@@ -241,7 +238,7 @@ class _Refinement:
         problem, ticks = self.problem, self.performed + 1
         self.applied[self.last] = self.applied[self.last - 1]
         qpos, qvel, applied = (item[:ticks] for item in (self.qpos, self.qvel, self.applied))
-        gains = rollout_gains(problem.scene, Rollout(qpos, qvel, applied, None))
+        gains = control.rollout_gains(problem.scene, Rollout(qpos, qvel, applied, None))
 
         def part(first: int, stop: int) -> ControlledRollout:
             cut = slice(first, stop)
@@ -315,7 +312,7 @@ def smooth(
         best = min([rollout, *kept], key=lambda item: jerk(scene, item))
         if best is rollout:
             break
-        rollout, gains = best, rollout_gains(scene, best)
+        rollout, gains = best, control.rollout_gains(scene, best)
     return ControlledRollout(rollout, gains)
 
 

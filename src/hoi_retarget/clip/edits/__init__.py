@@ -42,18 +42,24 @@ from hoi_retarget.clip.edits.segments import part_text as part_text
 from hoi_retarget.clip.edits.segments import segments_of as segments_of
 from hoi_retarget.clip.edits.segments import span_text as span_text
 from hoi_retarget.clip.edits.segments import tracks_of
+from hoi_retarget.clip.label_contacts import with_finger_contacts
 from hoi_retarget.errors import ClipError
+from hoi_retarget.human.skeleton import FINGER_PARTS
 
 
 def apply(clip: Clip, edits: ContactEdits) -> Clip:
     """Return the clip with edited contacts, one track per segment, and pins; without edits, the clip itself.
 
-    Its source's `contact_edits` holds the edits' text. Raises `ClipError` for edits of another clip, contacts that are
-    edited already, and an edit that cannot be done, with its number; `GeometryError` where a surface cannot be had.
+    Where a finger's contact is edited, the ones found by geometry are contacts of the recording, too. Its source's
+    `contact_edits` holds the edits' text. Raises `ClipError` for edits of another clip, contacts that are edited
+    already, and an edit that cannot be done, with its number; `GeometryError` where a surface cannot be had.
     """
     edits.made_for.check(clip)
     if not edits.edits:
         return clip
+    for person in {getattr(edit, "person", 0) for edit in edits.edits if getattr(edit, "part", "") in FINGER_PARTS}:
+        if person < len(clip.people):
+            clip = with_finger_contacts(clip, person)
     segments, pins = segments_of(clip), clip.pins
     for number, edit in enumerate(edits.edits, start=1):
         try:

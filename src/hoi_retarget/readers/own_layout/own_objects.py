@@ -12,15 +12,7 @@ from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import ALL_PARTS
-from hoi_retarget.objects.object_joint import (
-    KINDS,
-    MAX_OFF,
-    MAX_OFF_DEG,
-    distance_from,
-    fitted_joint,
-    path_of,
-    world_of,
-)
+from hoi_retarget.objects import object_joint
 from hoi_retarget.objects.track import ObjectGeometry, ObjectJoint, ObjectTrack
 from hoi_retarget.readers.object_files import MAX_OBJECT_SIZE, load_geometry, load_mesh
 from hoi_retarget.readers.own_layout.own_arrays import FLAGS, INTEGERS, NUMBERS, TEXT, Arrays, check_unit
@@ -145,29 +137,30 @@ def _joint(arrays: Arrays, index: int, tracks: Sequence[ObjectTrack]) -> ObjectJ
     key, part, known = f"object_{index}_joint", tracks[index], {track.name: track for track in tracks}
     if key not in arrays:
         return None
-    kind, parent = arrays.text(key, f"one of {', '.join(KINDS)}"), ""
-    if kind not in KINDS:
-        raise ClipError(f"{arrays.path}: {key} is {ascii(kind)[:40]}, expected one of {', '.join(KINDS)}.")
+    kind, parent = arrays.text(key, f"one of {', '.join(object_joint.KINDS)}"), ""
+    if kind not in object_joint.KINDS:
+        raise ClipError(f"{arrays.path}: {key} is {ascii(kind)[:40]}, expected one of {', '.join(object_joint.KINDS)}.")
     if f"object_{index}_parent" in arrays or kind != "fixed":
         parent = arrays.text(f"object_{index}_parent", "the name of the object that it is a part of")
     if (parent or kind != "fixed") and (parent not in known or parent == part.name):
         raise ClipError(f"{arrays.path}: object_{index}_parent is {ascii(parent)[:40]}, which is no other object.")
     axis, anchor = (f"object_{index}_{name}" for name in ("axis", "anchor"))
-    above = known[parent] if parent else world_of(part)
+    above = known[parent] if parent else object_joint.world_of(part)
     if axis not in arrays and anchor not in arrays:
-        if (joint := fitted_joint(above, part, kind)) is not None:
+        if (joint := object_joint.fitted_joint(above, part, kind)) is not None:
             return joint
+        most = f"{object_joint.MAX_OFF} m and {object_joint.MAX_OFF_DEG:g} deg"
         raise ClipError(
-            f"{arrays.path}: {part.name!r} does not move as on a {kind} of {parent or 'the world'}, within {MAX_OFF} m "
-            f"and {MAX_OFF_DEG:g} deg, or too little to find its axis. Name another, or give {axis} and {anchor}."
+            f"{arrays.path}: {part.name!r} does not move as on a {kind} of {parent or 'the world'}, within {most}, or "
+            f"too little to find its axis. Name another, or give {axis} and {anchor}."
         )
     given = (arrays.array(name, NUMBERS, (3,), "in its parent's frame").tolist() for name in (axis, anchor))
     try:
         joint = ObjectJoint(parent, kind, *map(tuple, given))
     except ClipError as error:
         raise ClipError(f"{arrays.path}: {error}") from error
-    off, turned = distance_from(path_of(joint, above, part), above, part)
-    if off > MAX_OFF or turned > MAX_OFF_DEG:
+    off, turned = object_joint.distance_from(object_joint.path_of(joint, above, part), above, part)
+    if off > object_joint.MAX_OFF or turned > object_joint.MAX_OFF_DEG:
         raise ClipError(
             f"{arrays.path}: {part.name!r} is up to {off:.3g} m and {turned:.3g} deg from where {axis} and {anchor} "
             "put it. Give these in the parent's frame, the axis as a unit vector."

@@ -14,13 +14,8 @@ from jaxtyping import Float
 
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns
+from hoi_retarget.retargeting.surfaces import contact_targets
 from hoi_retarget.retargeting.surfaces import surface_terms as between_surfaces
-from hoi_retarget.retargeting.surfaces.contact_targets import (
-    RESTING_SITES,
-    contact_sides,
-    resting_palms,
-    touching_targets,
-)
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
 from hoi_retarget.retargeting.targets import Targets
@@ -70,7 +65,7 @@ class SurfaceProblems:
         Raises `GeometryError` where an object's mesh cannot be read.
         """
         objects = moving_objects(targets)
-        surfaces = between_surfaces.Surfaces(objects, skin_of(model), contact_sides(targets, objects))
+        surfaces = between_surfaces.Surfaces(objects, skin_of(model), contact_targets.contact_sides(targets, objects))
         return cls(model, targets, ik_qpos, config, surfaces)
 
     def first_pass(self, solve_pass: SolvePass) -> Float[np.ndarray, "T nq"]:
@@ -136,7 +131,7 @@ class SurfaceProblems:
         """Return paths for links that are deep in an object, except for links in contact, and in its frames."""
         of, targets, touching = self.surfaces, self.targets, {}
         for column, site in enumerate(targets.contact_links):
-            if site not in RESTING_SITES:
+            if site not in contact_targets.RESTING_SITES:
                 for skin in between_surfaces.touching_skins(targets, self.model, site):
                     touching[skin.link] = targets.contact_weights[:, column] > 0
         weight, start = self.config.weights.clearance, self.model.forward(qpos)
@@ -144,10 +139,10 @@ class SurfaceProblems:
 
     def _touching(self, qpos: np.ndarray) -> Targets:
         of = self.surfaces
-        return touching_targets(self.targets, of.objects, of.sides, self.model.forward(qpos))
+        return contact_targets.touching_targets(self.targets, of.objects, of.sides, self.model.forward(qpos))
 
     def _resting(self, qpos: np.ndarray) -> Targets:
-        return resting_palms(self._touching(qpos), self.surfaces.objects, self.model.forward(qpos))
+        return contact_targets.resting_palms(self._touching(qpos), self.surfaces.objects, self.model.forward(qpos))
 
     def _with_points(self, targets: Targets, paths: tuple[EscapePath, ...]) -> ProblemOf:
         def problem_of(window: FrameRange) -> Problem:

@@ -9,15 +9,10 @@ from jaxtyping import Bool, Float
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.surfaces import skin_terms
 from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES
 from hoi_retarget.retargeting.surfaces.depenetration import MIN_DEPTH_M, EscapePath
 from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject, levers, near_skin
-from hoi_retarget.retargeting.surfaces.skin_terms import (
-    ObjectOutsideLink,
-    SkinContact,
-    object_outside_link,
-    skin_contact,
-)
 from hoi_retarget.retargeting.targets import Targets, finger_links, finger_touch
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
@@ -41,7 +36,7 @@ HAND_POINTS, LINK_POINTS, SAMPLES = 24, 6, 14
 HAND_SPREAD, LINK_SPREAD = 0.008, 0.03  # [m] between points of one link.
 
 
-Clearance = SkinContact | ObjectOutsideLink
+Clearance = skin_terms.SkinContact | skin_terms.ObjectOutsideLink
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +141,8 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
             name, link = f"{skin.link}_{moving_object.name}", LinkAtObject(skin, moving_object, start)
             near = near_skin(link, count, apart)
             terms = (
-                skin_contact(f"{name}_contact", link, near, weights.clearance, touch),
-                object_outside_link(f"{name}_inside", link, near, weights.clearance, SAMPLES, apart),
+                skin_terms.skin_contact(f"{name}_contact", link, near, weights.clearance, touch),
+                skin_terms.object_outside_link(f"{name}_inside", link, near, weights.clearance, SAMPLES, apart),
             )
             yield from (term for term in terms if term is not None)
 

@@ -6,6 +6,7 @@ from functools import cached_property
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ChooseHold, ContactEdits, Edit, Pin, Retime, Segment, TurnHand, apply, segments_of
+from hoi_retarget.clip.label_contacts import with_finger_contacts
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.retargeting.config import Config
@@ -33,8 +34,11 @@ class EditState:
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
-        """The contacts one by one."""
-        return segments_of(self.clip)
+        """The contacts one by one, with those of fingers where robots have some."""
+        clip = self.clip
+        for draft in self.drafts:
+            clip = with_finger_contacts(clip, draft.person) if draft.model.spec.fingers else clip
+        return segments_of(clip)
 
 
 class EditSession:
