@@ -65,7 +65,7 @@ def test_extras_are_those_of_the_project():
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
     declared = {
         line
-        for group in ("archives", "dataset", "isaaclab", "physics", "ros", "video")
+        for group in ("archives", "dataset", "isaaclab", "physics", "ros", "usd", "video")
         for line in project["optional-dependencies"][group]
     }
     assert {needed for needed, _ in EXTRAS.values()} == declared

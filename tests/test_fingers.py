@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from finger_robot import FINGERS, finger_robot
 from hoi_retarget.clip.clip import ContactTrack
-from hoi_retarget.clip.edits import ContactEdits, Move, apply, segments_of
+from hoi_retarget.clip.edits import Add, ContactEdits, Delete, Fix, FixAll, Move, Retime, Snap, apply, segments_of
 from hoi_retarget.clip.label_contacts import (
     CAPSULE_FINGERS,
     LABELLED,
@@ -233,6 +233,59 @@ def test_a_finger_found_by_geometry_is_edited_as_one_that_is_labelled():
             wanted = surface.closest_points(wanted + np.array([0.0, 0.0, 0.02]))
             assert np.abs(wanted - item.points).max() > 0.01
         np.testing.assert_allclose(other.points, wanted, atol=1e-9)
+
+
+def seen(*edits, of=None):
+    """Return the contacts of fingers by part and first frame, as the robot gets them after edits."""
+    of = of or clip()
+    made = ContactEdits.of(of)
+    for edit in edits:
+        made = made.adding(edit)
+    tracks = with_finger_contacts(apply(of, made), 0).contacts
+    return {
+        (track.part, int(np.flatnonzero(track.active)[0])): track
+        for track in tracks
+        if track.part in FINGER_PARTS and track.active.any()
+    }
+
+
+def test_edited_fingers_are_where_their_edits_put_them_whatever_their_hand_does():
+    surface, place = surface_of(clip().objects[0].geometry), (0.05, 0.2022, 0.05)
+    away = Move("left_hand", 90, (0.03, 0.0, 0.0))
+    fixed = seen(away, Fix("left_thumb", 90, place))["left_thumb", 87]
+    wanted = np.tile(surface.closest_points(np.array([place])), (137, 1))
+    np.testing.assert_allclose(fixed.contact_points[87:224], wanted, atol=1e-9)
+    added = seen(away, Delete("left_thumb", 90), Add("left_thumb", 100, 120, place))["left_thumb", 100]
+    np.testing.assert_allclose(added.contact_points[100:120], wanted[:20], atol=1e-9)
+    # Hands and fingers that slide, labelled: with one point each they stay there.
+    frames = np.arange(clip().frames)
+    slid = np.column_stack([0.0004 * (frames - 87), 0.0 * frames, 0.0 * frames])
+    contacts = [
+        replace(track, contact_points=track.contact_points + slid) for track in with_finger_contacts(clip(), 0).contacts
+    ]
+    for track in seen(FixAll(), of=replace(clip(), contacts=tuple(contacts))).values():
+        assert np.ptp(track.contact_points[track.active], axis=0).max() < 1e-9
+
+
+def test_fingers_end_with_their_hand_and_deleted_ones_stay_away():
+    nothing = Move("right_thumb", 90, (0.0, 0.0, 0.0))
+    for edits in ((Delete("left_hand", 90),), (Retime("left_hand", 90, 87, 117),), (Retime("left_hand", 90, 87, 244),)):
+        alone, other = seen(*edits), seen(*edits, nothing)
+        assert alone.keys() == other.keys()
+        for key, track in alone.items():
+            assert np.array_equal(track.active, other[key].active)
+            np.testing.assert_allclose(track.contact_points, other[key].contact_points, atol=1e-9)
+    assert {part for part, _ in seen(Delete("left_hand", 90))} == {part for part in FINGER_PARTS if part[0] == "r"}
+    assert seen(*(Delete(part, 90) for part in FINGER_PARTS)) == {}
+
+
+def test_fingers_go_along_the_surface_alone():
+    before = seen()
+    for key, track in seen(Snap("left_hand", 90)).items():
+        np.testing.assert_allclose(track.contact_points, before[key].contact_points, atol=1e-9)
+    thumb = seen(Move("left_hand", 90, (0.03, 0.0, 0.0)), Retime("left_hand", 90, 87, 244))["left_thumb", 87]
+    moved = (thumb.contact_points - before["left_thumb", 87].contact_points)[87:224]
+    np.testing.assert_allclose(moved, np.tile([0.03, 0.0, 0.0], (137, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize("part", ["left_hand", "left_thumb"])

@@ -133,3 +133,15 @@ def test_hands_on_one_side_close_nothing():
     assert closure(load(1.0), FRAMES, beside, 0.8)[0] == 0.0
     assert closure(load(1.0), FRAMES, [[NOWHERE], [NOWHERE]], 0.8)[0] == 0.0
     assert closure(load(1.0), FRAMES, sides(), 0.0)[0] == 0.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), size=st.sampled_from([1e-5, 1e-3, 0.03]), hands=st.integers(1, 2))
+def test_closure_is_found_of_any_points(seed, size, hands):
+    rng = np.random.default_rng(seed)
+    touching = []
+    for _ in range(hands):
+        points = rng.normal(size=3) * 0.1 + size * rng.normal(size=(rng.integers(1, 7), 3)) + [0.3, -0.2, 1.0]
+        inward = rng.normal(size=3) + rng.choice([0.0, 1e-6, 0.3]) * rng.normal(size=(len(points), 3))
+        touching.append([(points, inward / np.linalg.norm(inward, axis=1, keepdims=True))])
+    assert 0.0 <= closure(load(1.0), FRAMES, touching, float(rng.uniform(0.0, 1.2)))[0] < 2.0

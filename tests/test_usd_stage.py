@@ -1,5 +1,7 @@
 """Laws of USD stages, read back with usd-core: kinematics as MuJoCo's, sizes of shapes, masses, and who is moved."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.robots import load_robot
 from plain_motions import plain_motion, tracks_of
 from synthetic import make
+from synthetic.jointed import open_laptop
 from trajectories import random_qpos
 
 pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
@@ -40,7 +43,10 @@ def demo(tmp_path_factory):
 
 def test_bodies_are_where_mujoco_has_them_in_every_frame(written):
     motion, scene, stage = written
-    assert stage.GetTimeCodesPerSecond() == motion.fps and stage.GetEndTimeCode() == FRAMES - 1
+    assert (
+        stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == motion.fps
+        and stage.GetEndTimeCode() == FRAMES - 1
+    )
     assert UsdGeom.GetStageUpAxis(stage) == "Z" and UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     simulated = compiled(scene)
     data, qpos = mujoco.MjData(simulated), scene.qpos(motion)
@@ -86,7 +92,25 @@ def test_scene_writes_one_where_it_is_asked_for_or_says_what_is_missing(demo, tm
     command = ["scene", str(demo), "--out", str(tmp_path / "scene"), "--usd"]
     with monkeypatch.context() as patched:
         patched.setattr(usd_stage, "install_hint", lambda _: "pip install usd-core")
+        patched.setattr("hoi_retarget.cli.physics.load_motion", None)  # It is told before anything is done.
         assert main(command) == 1 and "pip install usd-core" in capsys.readouterr().err
         assert not (tmp_path / "scene").exists()
     assert main(command) == 0
     assert Usd.Stage.Open(str(tmp_path / "scene" / usd_stage.NAME)).GetPrimAtPath("/World/robot/pelvis")
+
+
+def test_an_object_with_parts_is_moved_as_they_are(tmp_path):
+    (clip, _), model = open_laptop(), load_robot("unitree_g1")
+    names = tuple(track.name for track in clip.objects)
+    places = np.stack([track.positions[:FRAMES] for track in clip.objects], axis=1)
+    quats = np.stack([track.quats[:FRAMES] for track in clip.objects], axis=1)
+    qpos = random_qpos(model, FRAMES, np.random.default_rng(0))
+    motion = plain_motion(model, qpos, object_names=names, object_pos=places, object_quat=quats)
+    recorded = [replace(one, positions=one.positions[:FRAMES], quats=one.quats[:FRAMES]) for one in clip.objects]
+    (tmp_path / "a.usdc").write_bytes(usd_stage.usd_file(scene_of(motion, model, recorded), motion))
+    stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
+    kinematic = {
+        prim.GetName(): UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get()
+        for prim in stage.GetPrimAtPath("/World/objects").GetChildren()
+    }
+    assert kinematic == {"lid": True, "base": True, "stand": False}

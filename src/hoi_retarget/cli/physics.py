@@ -135,6 +135,8 @@ def _listed(numbers: Iterable[str]) -> str:
 def execute_scene(command: Scene) -> int:
     """Write the scene of a result; return 0."""
     check_writable("--out", command.out)
+    if command.usd:
+        usd_stage.check_installed()
     motion = load_motion(command.result, command.robot)
     physics = physics_of(motion, command)
     with Working("making the scene", None):

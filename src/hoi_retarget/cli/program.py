@@ -40,13 +40,7 @@ _MODULES = {
 }
 """Module of each command that has none of its own name."""
 _DRAWING = ("doctor", "render", "report", "robots", "share")
-_THREAD_VARIABLES = (
-    "OPENBLAS_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "IGL_NUM_THREADS",
-)
+_THREAD_VARIABLES = tuple(f"{name}_NUM_THREADS" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB_MAXIMUM", "IGL"))
 
 
 def run(arguments: Sequence[str]) -> int:

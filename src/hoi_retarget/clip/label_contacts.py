@@ -62,6 +62,7 @@ SKIN_FINGERS, CAPSULE_FINGERS = Proximity(touch=0.004, release=0.006), Proximity
 """Of fingers of a hand that touches, by skin and by capsules."""
 ON_SURFACE, LABELLED = 0.002, 0.015
 """Of fingers' given points, beyond which these are places of joints, and of labelled fingers that touch indeed [m]."""
+EDITED = 1e-6  # A point that is farther from the recorded one was edited [m].
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,22 +105,21 @@ def label_contacts(
 def with_finger_contacts(clip: Clip, person: int) -> Clip:
     """Return a clip with the contacts of a person's fingers on the surface; raises as `finger_contacts`."""
     others = [track for track in clip.contacts if track.person != person or track.part not in FINGER_PARTS]
-    return replace(clip, contacts=(*others, *(_edited(clip, track) for track in finger_contacts(clip, person))))
+    return replace(clip, contacts=(*others, *finger_contacts(clip, person)))
 
 
 def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
     """Return the contacts of a person's fingers: as labelled, or found while their hands touch.
 
     Points are the clip's where these are on the surface, else the object's nearest: labels may be late, by tenths of a
-    second, and fingers that are off by then do not touch. None are found of fingers that are made up. Points that
-    somebody moved are where they were. Raises `GeometryError` where an object's mesh cannot be read.
+    second, and fingers that are off by then do not touch. Edited points are the surface's nearest to them; fingers with
+    none go along where their hand was edited. None are found of fingers that are made up. Raises `GeometryError` where
+    an object's mesh cannot be read.
     """
     human, found = clip.people[person], []
     labelled = [track for track in clip.contacts if track.person == person and track.part in FINGER_PARTS]
-    if labelled:
-        if clip.recorded_contacts:
-            labelled = [replace(one, contact_points=recorded_points(clip, one, one.contact_points)) for one in labelled]
-        return tuple(_on_surface(human, track, clip.objects[track.object]) for track in labelled)
+    if labelled or any(track.person == person and track.part in FINGER_PARTS for track in clip.recorded_contacts):
+        return tuple(_labelled(clip, track) for track in labelled)
     rule = CAPSULE_FINGERS if human.shape is None else SKIN_FINGERS
     for track in clip.contacts:
         if track.person != person or track.part not in HANDS or not track.active.any() or not human.fingers_recorded:
@@ -127,36 +127,61 @@ def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
         side, touched = track.part.split("_")[0], [clip.objects[track.object]]
         fingers = [part for part in FINGER_PARTS if part.startswith(side)]
         near = [PartObjectDistance(person, track.object, part, *of_part(human, part, touched)[0]) for part in fingers]
+        recorded = track.active & _touches(clip.recorded_contacts or clip.contacts, track)
         for item, flags in zip(near, touching(clip, near, rule), strict=True):
-            active = flags & track.active
+            active = flags & recorded
             found.append(ContactTrack(person, track.object, item.part, active, _surface_points(item, active)))
-    return tuple(found)
+    return tuple(_along_hand(clip, finger) for finger in found)
 
 
 def recorded_points(clip: Clip, track: ContactTrack, points: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "T 3"]:
     """Return the points of a contact before it was edited [m], and the given ones where it is new."""
-    owner = track.person, track.part, track.object
     for item in clip.recorded_contacts:
-        if (item.person, item.part, item.object) == owner:
+        if (item.person, item.part, item.object) == (track.person, track.part, track.object):
             points = np.where(item.active[:, None], item.contact_points, points)
     return points
 
 
-def _edited(clip: Clip, finger: ContactTrack) -> ContactTrack:
-    """Return a finger's contact moved along the surface as somebody moved its hand's, and its own."""
-    points, parts = finger.contact_points.copy(), (f"{finger.part.split('_')[0]}_hand", finger.part)
+def _touches(tracks: Iterable[ContactTrack], like: ContactTrack) -> Bool[np.ndarray, "T"]:
+    """Return whether the part of a contact touches its object by some tracks."""
+    own = (
+        item.active for item in tracks if (item.person, item.part, item.object) == (like.person, like.part, like.object)
+    )
+    return np.any([np.zeros(len(like.active), dtype=bool), *own], axis=0)
+
+
+def _labelled(clip: Clip, track: ContactTrack) -> ContactTrack:
+    before, touched = (
+        recorded_points(clip, track, np.full(track.contact_points.shape, np.nan)),
+        clip.objects[track.object],
+    )
+    apart = np.linalg.norm(before - track.contact_points, axis=1)[track.active]
+    if clip.recorded_contacts and not (apart < EDITED).all():
+        points = track.contact_points.copy()
+        points[track.active] = surface_of(touched.geometry).closest_points(points[track.active])
+        return replace(track, contact_points=points)
+    return _along_hand(clip, _on_surface(clip.people[track.person], track, touched))
+
+
+def _along_hand(clip: Clip, finger: ContactTrack) -> ContactTrack:
+    """Return a finger's contact that ends where somebody ended its hand's, and goes along the surface with that."""
     if not clip.recorded_contacts:
         return finger
+    hand, points = replace(finger, part=f"{finger.part.split('_')[0]}_hand"), finger.contact_points.copy()
+    active = finger.active & (_touches(clip.contacts, hand) | ~_touches(clip.recorded_contacts, hand))
+    surface = surface_of(clip.objects[finger.object].geometry)
     for track in clip.contacts:
-        if (track.person, track.object) == (finger.person, finger.object) and track.part in parts:
-            before = recorded_points(clip, track, track.contact_points)
-            turned = se3.rotate(se3.exp(np.radians(track.turn)), points - before)
-            points = np.where((track.active & finger.active)[:, None], track.contact_points + turned, points)
-    moved = np.flatnonzero((points != finger.contact_points).any(axis=1) & finger.active)
-    if not moved.size:
-        return finger
-    points[moved] = surface_of(clip.objects[finger.object].geometry).closest_points(points[moved])
-    return replace(finger, contact_points=points)
+        at = np.flatnonzero(track.active & active)
+        before = recorded_points(clip, track, np.full(points.shape, np.nan))
+        known = np.isfinite(before[:, 0])
+        if (track.person, track.part, track.object) != (finger.person, hand.part, finger.object) or not known.any():
+            continue
+        before = before[nearest_active(known)]
+        if at.size and (np.any(before[at] != track.contact_points[at]) or any(track.turn)):
+            old, new = (surface.closest_points(place[at]) for place in (before, track.contact_points))
+            turned = se3.rotate(se3.exp(np.radians(track.turn)), points[at] - old)
+            points[at] = surface.closest_points(new + turned)
+    return replace(finger, active=active, contact_points=points)
 
 
 def _on_surface(human: Person, track: ContactTrack, touched: ObjectTrack) -> ContactTrack:

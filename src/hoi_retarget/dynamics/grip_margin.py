@@ -221,7 +221,8 @@ def closure(
         wrenches = np.concatenate([np.zeros((6, 1)), *edges], axis=1) * unit
         if np.linalg.matrix_rank(wrenches - wrenches.mean(axis=1, keepdims=True), tol=FLAT) < len(wrenches):
             continue  # As on one face: all forces push one way.
-        found[row] = max(0.0, float(-scipy.spatial.ConvexHull(wrenches.T).equations[:, -1].max()))
+        hull = scipy.spatial.ConvexHull(wrenches.T, qhull_options="QJ")  # Without joggling, some end in errors.
+        found[row] = max(0.0, float(-hull.equations[:, -1].max()))
     return found
 
 

@@ -1,6 +1,6 @@
 """A scene and its motion as a USD stage, as Isaac Sim, Blender and usdview open it.
 
-Every body is a transform over time, in the world. Links of the robot and parts on joints are kinematic, other objects
+Every body is a transform over time, in the world. Links of the robot and objects on joints are kinematic, other objects
 rigid bodies with their masses, so that a simulator may go on from any frame; convex parts that collide are guides and
 not drawn. Lengths are in metres, z is up. Materials and joints are left out.
 
@@ -26,13 +26,18 @@ _FLOOR_M = 40.0  # Side of the floor, which has no end in MuJoCo [m].
 _GEOM = mujoco.mjtGeom
 
 
+def check_installed() -> None:
+    """Raise `HoiRetargetError` where usd-core is missing."""
+    if hint := install_hint("pxr"):
+        raise HoiRetargetError(f"USD is written with usd-core, which is not installed. {hint}")
+
+
 def usd_file(scene: PhysicsScene, motion: Motion) -> bytes:
     """Return a USD file of a scene along a motion, one time code a frame.
 
     Raises `HoiRetargetError` where usd-core is missing, and `RobotError` where MuJoCo cannot compile the scene.
     """
-    if hint := install_hint("pxr"):
-        raise HoiRetargetError(f"USD is written with usd-core, which is not installed. {hint}")
+    check_installed()
     gf, usd, geometry, physics = map(_library, ("Gf", "Usd", "UsdGeom", "UsdPhysics"))
     simulated, qpos = compiled(scene), scene.qpos(motion)
     stage = usd.Stage.CreateInMemory()
@@ -40,10 +45,13 @@ def usd_file(scene: PhysicsScene, motion: Motion) -> bytes:
     geometry.SetStageMetersPerUnit(stage, 1.0)
     physics.SetStageKilogramsPerUnit(stage, 1.0)
     stage.SetTimeCodesPerSecond(motion.fps)
+    stage.SetFramesPerSecond(motion.fps)
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(len(qpos) - 1)
     stage.SetDefaultPrim(geometry.Xform.Define(stage, "/World").GetPrim())
     physics.Scene.Define(stage, "/World/physics")
+    jointed = [item for item in scene.objects if item.path is not None]
+    jointed += [scene.objects[item.parent] for item in jointed if item.parent >= 0]
     objects = {simulated.body(item.body_name).id: item for item in scene.objects}
     moved: list[tuple[Any, Any]] = []
     for body, path in enumerate(_paths(simulated, list(objects))):
@@ -52,7 +60,7 @@ def usd_file(scene: PhysicsScene, motion: Motion) -> bytes:
             _add_shape(stage, f"{path}/shape_{geom}", simulated, geom)
         moved.append((prim.AddTranslateOp(), prim.AddOrientOp(geometry.XformOp.PrecisionDouble)))
         if body:
-            moves_alone = body in objects and objects[body].path is None
+            moves_alone = body in objects and objects[body] not in jointed
             physics.RigidBodyAPI.Apply(prim.GetPrim()).CreateKinematicEnabledAttr(not moves_alone)
         if body in objects:
             mass = physics.MassAPI.Apply(prim.GetPrim())

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import ContactTrack
-from hoi_retarget.clip.label_contacts import recorded_points
+from hoi_retarget.clip.label_contacts import EDITED, recorded_points
 from hoi_retarget.evaluation.comparison import (
     FOOT_SITES,
     HAND_SITES,
@@ -38,7 +38,6 @@ _MAX_REST_GAP_M = 5e-3  # The same of parts that rest [m]: clothes and cushions 
 _FINGERS = {site: site for site in FINGER_SITES}
 _RESTING = {part: site for part, site in BODY_SITES.items() if not part.endswith("thigh")}
 """Judged parts: whether a seat meets the thighs, too, depends on the length of the legs."""
-_EDITED_M = 1e-6  # An edited contact point is so far from the recorded one [m].
 _MIN_TOUCH_AREA_M2, _FACING = 2e-4, np.cos(np.radians(45.0))
 """Palmar skin within that gap that makes a touch the palm's: a fingertip has 1 cm2, a flat hand 5. Hands with curled
 fingers or a wrist thicker than the palm have less on a large face: then the palm has to face it, turned at most so."""
@@ -266,7 +265,7 @@ def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) ->
         pose = distances.poses[skin.link].at(chosen).relative_to(placed.pose.at(chosen))
         touching[chosen] = pose.placed(skin.points[pair.point[chosen]])
     recorded = recorded_points(view.clip, track, np.full((view.clip.frames, 3), np.nan))[view.first :]
-    recorded = np.where((norms(recorded - track.contact_points) > _EDITED_M)[:, None], recorded, np.nan)
+    recorded = np.where((norms(recorded - track.contact_points) > EDITED)[:, None], recorded, np.nan)
     place, before = (_place_distances(placed, touching, points) for points in (track.contact_points, recorded))
     area, uncovered, faces = np.zeros(len(active)), place.copy(), np.zeros(len(active), dtype=bool)
     near = np.flatnonzero(active & (gap <= _MAX_TOUCH_GAP_M))

@@ -7,6 +7,7 @@ from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.evaluation.comparison import Comparison, norms
 from hoi_retarget.evaluation.contact_figures import surface_curves
 from hoi_retarget.evaluation.surface_distances import PART_SITES
+from hoi_retarget.human.skeleton import FINGER_PARTS
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.motion_report import ELSEWHERE_M, UNREACHED_M, Event
 from hoi_retarget.numerics import se3
@@ -95,7 +96,7 @@ def thin_air_contacts(clip: Clip, person: int = 0) -> tuple[Event, ...]:
         farthest[key] = max(farthest.get(key, 0.0), float(_off_surface(clip, track)[track.active].max(initial=0.0)))
     for track in clip.contacts:
         off, key = _off_surface(clip, track), (track.person, track.part, track.object)
-        if track.person == person:
+        if track.person == person and track.part not in FINGER_PARTS:  # Those are put on the surface.
             limit, name = max(NEAR_SURFACE_M, farthest.get(key, 0.0) + FARTHER_M), clip.objects[track.object].name
             found += [
                 Event("thin_air_contact", first, stop - 1, float(off[first:stop].max()), track.part, name)

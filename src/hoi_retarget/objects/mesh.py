@@ -31,17 +31,8 @@ _IN_BALL = 1.0 + 1e-6  # How much larger a ball must be than the way to its midd
 _EXACT_DISTANCE = 1e-5  # Of the surface's size; below it, a point's side is decided in double precision.
 
 # What trimesh raises for files that are no meshes.
-_MESH_ERRORS = (
-    OSError,
-    ValueError,
-    TypeError,
-    KeyError,
-    IndexError,
-    AttributeError,
-    NotImplementedError,
-    AssertionError,
-    MemoryError,
-)
+_OF_VALUES = (ValueError, TypeError, LookupError, AttributeError, AssertionError)
+_MESH_ERRORS = (OSError, NotImplementedError, MemoryError, *_OF_VALUES)
 
 
 @dataclass(frozen=True, eq=False)

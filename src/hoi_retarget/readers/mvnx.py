@@ -30,15 +30,8 @@ FORMAT = "mvnx"
 LICENCE = "that of the data, which the file does not state"
 MAX_OFF = 0.01  # Between positions and those that orientations give [m]; 1e-6 in a published file.
 
-_TRUNK = {
-    "Pelvis": "Hips",
-    "L5": "Chest",
-    "L3": "Chest2",
-    "T12": "Chest3",
-    "T8": "Chest4",
-    "Neck": "Neck",
-    "Head": "Head",
-}
+_SPINE = {bone: f"Chest{number}" for bone, number in (("L5", ""), ("L3", 2), ("T12", 3), ("T8", 4))}
+_TRUNK = {"Pelvis": "Hips", **_SPINE, "Neck": "Neck", "Head": "Head"}
 _ARM = {"Shoulder": "Collar", "UpperArm": "Shoulder", "ForeArm": "Elbow", "Hand": "Wrist"}
 _LEG = {"UpperLeg": "Hip", "LowerLeg": "Knee", "Foot": "Ankle", "Toe": "Toe"}
 _CHAINS = [("", _TRUNK, "")]

@@ -57,8 +57,9 @@ def apply(clip: Clip, edits: ContactEdits) -> Clip:
     edits.made_for.check(clip)
     if not edits.edits:
         return clip
+    labelled = {track.person for track in clip.contacts if track.part in FINGER_PARTS}
     for person in {getattr(edit, "person", 0) for edit in edits.edits if getattr(edit, "part", "") in FINGER_PARTS}:
-        if person < len(clip.people):
+        if person < len(clip.people) and person not in labelled:
             clip = with_finger_contacts(clip, person)
     segments, pins = segments_of(clip), clip.pins
     for number, edit in enumerate(edits.edits, start=1):

@@ -45,15 +45,7 @@ class Plausibility:
 
 
 # Values that count one half: correct motions rarely reach them.
-_HALF = {
-    "upside_down": 0.2,
-    "tilt": 20.0,
-    "slide": 0.7,
-    "unevenness": 0.12,
-    "height": 0.3,
-    "outside": 0.02,
-    "elbows_inside": 0.1,
-}
+_HALF = dict(upside_down=0.2, tilt=20.0, slide=0.7, unevenness=0.12, height=0.3, outside=0.02, elbows_inside=0.1)
 _TRUNK = 0.05
 """An elbow nearer than this to the trunk's middle plane, or beyond it, is inside [of the robot's stature]."""
 

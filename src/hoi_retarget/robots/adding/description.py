@@ -38,18 +38,8 @@ _COMPILER = {
 }
 _TURNED_DISTANCE = 0.7  # Of meshes that are turned: so much nearer to the centres of mass.
 _GREY = "0.5 0.5 0.5 1"
-_LEFT_OUT = (
-    "keyframe",
-    "sensor",
-    "tendon",
-    "contact",
-    "custom",
-    "visual",
-    "statistic",
-    "size",
-    "deformable",
-    "extension",
-)
+_SETTINGS = ("custom", "visual", "statistic", "size")
+_LEFT_OUT = (*_SETTINGS, "keyframe", "sensor", "tendon", "contact", "deformable", "extension")
 """Sections of an MJCF without which the tree is the same."""
 _NO_SURFACE = ("hfield", "skin", "texture", "plugin", "flexcomp", "composite", "light", "camera")
 
