@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from finger_robot import FINGERS, finger_robot
+from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import ContactTrack
-from hoi_retarget.clip.edits import Add, ContactEdits, Delete, Fix, FixAll, Move, Retime, Snap, apply, segments_of
+from hoi_retarget.clip.edits import Add, ContactEdits, Delete, Fix, FixAll, Move, Retime, Snap, apply, save, segments_of
 from hoi_retarget.clip.label_contacts import (
     CAPSULE_FINGERS,
     LABELLED,
@@ -286,6 +287,13 @@ def test_fingers_go_along_the_surface_alone():
     thumb = seen(Move("left_hand", 90, (0.03, 0.0, 0.0)), Retime("left_hand", 90, 87, 244))["left_thumb", 87]
     moved = (thumb.contact_points - before["left_thumb", 87].contact_points)[87:224]
     np.testing.assert_allclose(moved, np.tile([0.03, 0.0, 0.0], (137, 1)), atol=1e-9)
+
+
+def test_edits_of_fingers_that_do_not_move_are_told(tmp_path, capsys):
+    save(ContactEdits.of(clip()).adding(Move("left_thumb", 90, (0.0, 0.0, 0.02))), tmp_path / "a.toml")
+    words = ["--edits", str(tmp_path / "a.toml"), "--contact", "landmark", "--figures", "none", "--out", str(tmp_path)]
+    assert main(["run", "builtin:carry_box", *words]) == 0
+    assert "edits of fingers change nothing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("part", ["left_hand", "left_thumb"])

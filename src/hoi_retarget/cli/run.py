@@ -21,6 +21,7 @@ from hoi_retarget.evaluation.figure_table import scales_text
 from hoi_retarget.evaluation.thresholds import by_kind, verdict_of
 from hoi_retarget.files.atomic import remove
 from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.skeleton import FINGER_PARTS
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import set_aside
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
@@ -88,7 +89,10 @@ def _run_clip(
     start = time.process_time()
     clip = open_clip(path, command)
     if command.edits is not None:
-        clip = apply(clip, load(command.edits))
+        edits = load(command.edits)
+        clip = apply(clip, edits)
+        if any(getattr(edit, "part", "") in FINGER_PARTS for edit in edits.edits) and not models[0].spec.fingers:
+            warn(f"{path.name}: edits of fingers change nothing: those of {models[0].spec.name} do not move.")
     read_seconds = time.process_time() - start
     objects = ", ".join(track.name for track in clip.objects) or "none"
     people = f", {len(clip.people)} people" if len(clip.people) > 1 else ""

@@ -8,6 +8,7 @@ Cites: openusd.org (schemas UsdGeom and UsdPhysics).
 """
 
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +25,7 @@ NAME = "scene.usdc"
 _COLLIDING = 3  # MuJoCo's group of geometries that are not drawn.
 _FLOOR_M = 40.0  # Side of the floor, which has no end in MuJoCo [m].
 _GEOM = mujoco.mjtGeom
+_library: Any = partial(import_module, package="pxr")
 
 
 def check_installed() -> None:
@@ -38,7 +40,7 @@ def usd_file(scene: PhysicsScene, motion: Motion) -> bytes:
     Raises `HoiRetargetError` where usd-core is missing, and `RobotError` where MuJoCo cannot compile the scene.
     """
     check_installed()
-    gf, usd, geometry, physics = map(_library, ("Gf", "Usd", "UsdGeom", "UsdPhysics"))
+    gf, usd, geometry, physics = map(_library, (".Gf", ".Usd", ".UsdGeom", ".UsdPhysics"))
     simulated, qpos = compiled(scene), scene.qpos(motion)
     stage = usd.Stage.CreateInMemory()
     geometry.SetStageUpAxis(stage, geometry.Tokens.z)
@@ -81,15 +83,11 @@ def usd_file(scene: PhysicsScene, motion: Motion) -> bytes:
         return file.read_bytes()
 
 
-def _library(module: str) -> Any:
-    return import_module(f"pxr.{module}")
-
-
 def _paths(simulated: mujoco.MjModel, objects: Sequence[int]) -> list[str]:
     """Return the paths of the bodies on the stage, the world's first; no two are the same."""
     paths = ["/World/ground"]
     for body in range(1, simulated.nbody):
-        name = _library("Tf").MakeValidIdentifier(simulated.body(body).name)
+        name = _library(".Tf").MakeValidIdentifier(simulated.body(body).name)
         path = f"/World/{'objects' if body in objects else 'robot'}/{name}"
         paths.append(f"{path}_{body}" if path in paths else path)
     return paths
@@ -97,7 +95,7 @@ def _paths(simulated: mujoco.MjModel, objects: Sequence[int]) -> list[str]:
 
 def _add_shape(stage: Any, path: str, simulated: mujoco.MjModel, geom: int) -> None:
     """Add a geometry to its body."""
-    gf, geometry, physics = map(_library, ("Gf", "UsdGeom", "UsdPhysics"))
+    gf, geometry, physics = map(_library, (".Gf", ".UsdGeom", ".UsdPhysics"))
     kind, size, scale = simulated.geom_type[geom], simulated.geom_size[geom].tolist(), None
     match kind:
         case _GEOM.mjGEOM_PLANE:
