@@ -37,7 +37,7 @@ FRAMES_AT_ONCE = 40  # That are looked at together: their memory does not grow w
 BLOCK_FRAMES = 1000  # Of a person whose hand is made of spheres at once.
 FORCE_COST, MISSING_COST = 1e-5, 100.0
 """Of forces and of what is missing, both in weights of the object, against a margin of 1 g."""
-FLAT = 1e-6  # Wrenches that differ less in a direction do nothing in it.
+FLAT = 1e-6  # Wrenches that differ less in a direction do nothing in it; a hull with less around nothing is flat.
 HELD_SHARE = 1e-3  # Of the object's weight; with more missing it cannot be moved.
 GOLDEN = 0.5 * (1.0 + np.sqrt(5.0))
 DIRECTIONS = np.array(
@@ -222,7 +222,7 @@ def closure(
         if np.linalg.matrix_rank(wrenches - wrenches.mean(axis=1, keepdims=True), tol=FLAT) < len(wrenches):
             continue  # As on one face: all forces push one way.
         hull = scipy.spatial.ConvexHull(wrenches.T, qhull_options="QJ")  # Without joggling, some end in errors.
-        found[row] = max(0.0, float(-hull.equations[:, -1].max()))
+        found[row] = radius if (radius := float(-hull.equations[:, -1].max())) > FLAT else 0.0
     return found
 
 
