@@ -111,7 +111,9 @@ def test_force_closure_is_the_least_wrench_of_unit_forces_whatever_the_weight_an
     assert closure(own, FRAMES, sides(), 0.5 * friction)[0] < found
     assert closure(load(30.0), FRAMES, sides(), friction)[0] == pytest.approx(found)
     quat = (np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2))
-    assert closure(load(1.0, turn=quat), FRAMES, sides(turn=quat), friction)[0] == pytest.approx(found, rel=0.3)
+    assert closure(load(1.0, turn=quat), FRAMES, sides(turn=quat), friction)[0] == pytest.approx(
+        found, rel=0.3
+    )  # Pyramids.
     # What the forces can do along a direction is the most that one edge of their cones does.
     edges, centre = [], own.required.centre[10]
     for ((points, inward),) in sides():

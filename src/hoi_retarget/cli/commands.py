@@ -215,7 +215,7 @@ class AddRobot:
     file: Annotated[Positional[Path], arg(metavar="FILE")]  # The robot's description (.urdf, .xml).
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
     """What it is to be called; by default as its file is. An added robot of that name is replaced."""
-    hints: OptionalFile = None  # What the file does not tell, as TOML; docs/robots.md has all keys.
+    hints: OptionalFile = None  # Facts that the file does not tell, as TOML; docs/robots.md has all keys.
     meshes: OptionalFolder = None  # Folder with its meshes, where they are not beside it.
     trial_clips: Annotated[tuple[str, ...], arg(name="try", metavar="CLIP...")] = TRIAL_CLIPS
     """Built-in clips that it is tried on."""

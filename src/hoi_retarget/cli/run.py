@@ -91,7 +91,8 @@ def _run_clip(
     if command.edits is not None:
         edits = load(command.edits)
         clip = apply(clip, edits)
-        if any(getattr(edit, "part", "") in FINGER_PARTS for edit in edits.edits) and not models[0].spec.fingers:
+        of_fingers = any(getattr(edit, "part", "") in FINGER_PARTS for edit in edits.edits)
+        if of_fingers and not any(model.spec.fingers for model in models):
             warn(f"{path.name}: edits of fingers change nothing: those of {models[0].spec.name} do not move.")
     read_seconds = time.process_time() - start
     objects = ", ".join(track.name for track in clip.objects) or "none"

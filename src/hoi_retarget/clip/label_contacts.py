@@ -151,10 +151,9 @@ def _touches(tracks: Iterable[ContactTrack], like: ContactTrack) -> Bool[np.ndar
 
 
 def _labelled(clip: Clip, track: ContactTrack) -> ContactTrack:
-    before, touched = (
-        recorded_points(clip, track, np.full(track.contact_points.shape, np.nan)),
-        clip.objects[track.object],
-    )
+    """Return a labelled contact on the surface: where it was edited to, else the recorded one along with its hand."""
+    touched = clip.objects[track.object]
+    before = recorded_points(clip, track, np.full(track.contact_points.shape, np.nan))
     apart = np.linalg.norm(before - track.contact_points, axis=1)[track.active]
     if clip.recorded_contacts and not (apart < EDITED).all():
         points = track.contact_points.copy()

@@ -116,11 +116,10 @@ def _add_shape(stage: Any, path: str, simulated: mujoco.MjModel, geom: int) -> N
         case _GEOM.mjGEOM_BOX:
             shape, scale = geometry.Cube.Define(stage, path), size  # From -1 to 1.
         case _:
-            shape, scale = (
-                geometry.Sphere.Define(stage, path),
-                size if kind == _GEOM.mjGEOM_ELLIPSOID else [size[0]] * 3,
-            )
+            shape, scale = geometry.Sphere.Define(stage, path), size
             shape.CreateRadiusAttr(1.0)
+            if kind == _GEOM.mjGEOM_SPHERE:
+                scale = [size[0]] * 3
     shape.AddTranslateOp().Set(gf.Vec3d(*simulated.geom_pos[geom].tolist()))
     shape.AddOrientOp(geometry.XformOp.PrecisionDouble).Set(gf.Quatd(*simulated.geom_quat[geom].tolist()))
     if scale is not None:

@@ -96,7 +96,7 @@ def thin_air_contacts(clip: Clip, person: int = 0) -> tuple[Event, ...]:
         farthest[key] = max(farthest.get(key, 0.0), float(_off_surface(clip, track)[track.active].max(initial=0.0)))
     for track in clip.contacts:
         off, key = _off_surface(clip, track), (track.person, track.part, track.object)
-        if track.person == person and track.part not in FINGER_PARTS:  # Those are put on the surface.
+        if track.person == person and track.part not in FINGER_PARTS:  # Fingers are put on it.
             limit, name = max(NEAR_SURFACE_M, farthest.get(key, 0.0) + FARTHER_M), clip.objects[track.object].name
             found += [
                 Event("thin_air_contact", first, stop - 1, float(off[first:stop].max()), track.part, name)

@@ -18,7 +18,7 @@ class Written:
     values: Mapping[str, Any]  # Arrays and others by name; without contacts, which all formats have alike.
     joint_names: tuple[str, ...] = ()  # In the file's order; empty where it is the robot's.
     body_names: tuple[str, ...] = ()  # In the file's order; empty where it holds no bodies.
-    notes: tuple[str, ...] = ()  # What a user has to mind, a sentence each.
+    notes: tuple[str, ...] = ()  # Warnings for its users, a sentence each.
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Format:
     container: Container = NPZ
     write: Callable[[ResampledMotion], Written] | None = None
     title: str = ""  # Who reads it.
-    fps: float | None = None  # What its readers expect [frames/s]; None for the result's own rate.
+    fps: float | None = None  # The rate that its readers expect [frames/s]; None for the result's own.
     place_for_object: bool = False  # Whether it holds one object's path.
     contacts_inside: bool = False  # Whether the contact arrays are in the file; otherwise they are in one beside it.
     linear_velocity_of: VelocityPoint = ""  # Of which point of a body; empty where the file holds no body velocities.

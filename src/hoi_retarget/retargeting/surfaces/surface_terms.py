@@ -72,7 +72,8 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
     Args: `weights`: of the table; `targets`: with contact points at which the robot's skin touches; `reference`: the IK
     trajectory; `start`: the trajectory that the solve starts from, by which points are chosen; `surfaces`: of the same
     frames; `near`: `clearances` at the start; `paths`: of links out of objects; the clearance of these links hardly
-    weighs, as its nearest way may differ; `relaxed`: whether links trapped in an object at the start may stay there.
+    weighs, as its nearest way may differ; `relaxed`: whether links trapped in an object at the start may stay there,
+    and links that are out by then have their clearance in full.
     """
     table = (
         _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) and term.site not in PALMS else term
